@@ -1,0 +1,3 @@
+//! Measurements of bladescan that are too slow or too specific for its tests.
+
+fn main() {}

@@ -1,0 +1,3 @@
+//! The simulated cell as a program of its own.
+
+fn main() {}

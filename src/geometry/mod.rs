@@ -1,0 +1,5 @@
+//! The vocabulary of space: clouds and rigid motions.
+
+mod cloud;
+
+pub use cloud::{Measured, PointCloud};

@@ -1,0 +1,6 @@
+//! Open controller for automatic blade scanning.
+//!
+//! See `ARCHITECTURE.md` for the floors, the flow of one view and the invariants.
+
+pub mod geometry;
+pub mod seed;

@@ -1,0 +1,3 @@
+//! The `bladescan` program.
+
+fn main() {}

@@ -1,0 +1,1 @@
+//! All integration tests of the root package, in one binary.
