@@ -4,3 +4,4 @@
 
 pub mod geometry;
 pub mod seed;
+pub mod settings;
