@@ -3,5 +3,6 @@
 //! See `ARCHITECTURE.md` for the floors, the flow of one view and the invariants.
 
 pub mod geometry;
+pub mod plan;
 pub mod seed;
 pub mod settings;
