@@ -184,3 +184,149 @@ fn planned_move(from: &PlannedView, to: &PlannedView, robot: &RobotLink) -> Plan
         duration_ns: (moving_s * 1e9).round() as u64 + robot.settle_ns,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::{PI, TAU};
+
+    use nalgebra::{Point3, Translation3};
+
+    use super::*;
+    use crate::geometry::rotation_from_fixed_xyz;
+
+    fn recipe(views: &str) -> Recipe {
+        let text = format!(
+            "name = \"probe\"\nblade.cad = \"builtin:lpt\"\nmerge.overlap_min_fraction = 0.5\n\
+             presentation = {{ position_mm = [10, -5, 600], rotation_deg = [0, 90, 0] }}\n[views]\n{views}"
+        );
+        Recipe::parse("probe.toml", &text).unwrap()
+    }
+
+    fn assert_same(a: &Isometry3<f64>, b: &Isometry3<f64>, what: &str) {
+        let distance_mm = (a.translation.vector - b.translation.vector).norm();
+        let angle_rad = rotation_angle_between(&a.rotation, &b.rotation);
+        assert!(
+            distance_mm < 1e-9 && angle_rad < 1e-13,
+            "{what}: {distance_mm} mm, {angle_rad} rad"
+        );
+    }
+
+    #[test]
+    fn the_robot_brings_the_blade_where_the_view_wants_it() {
+        let station = Station::builtin_simulated();
+        let plan = Plan::new(&recipe("tilt_max_deg = 10"), &station, Seed(3)).unwrap();
+        assert_eq!(plan.views().len(), 36);
+        for view in plan.views() {
+            let by_camera = station.base_from_camera * view.camera_from_blade;
+            let by_robot = view.base_from_tool * station.tool_from_blade;
+            assert_same(&by_camera, &by_robot, &format!("view {}", view.index));
+        }
+    }
+
+    #[test]
+    fn without_tilts_the_blade_turns_about_its_own_axis() {
+        let recipe = recipe("step_deg = 90");
+        let plan = Plan::new(&recipe, &Station::builtin_simulated(), Seed(1)).unwrap();
+        assert_same(
+            &plan.views()[0].camera_from_blade,
+            &recipe.camera_from_fixture,
+            "view 0",
+        );
+        for view in plan.views() {
+            assert_eq!(view.turn_rad, view.index as f64 * TAU / 4.0);
+            // A point of the axis stays; z of the blade is x of the camera.
+            let on_axis_mm = view.camera_from_blade * Point3::new(0.0, 0.0, 100.0);
+            assert!((on_axis_mm - Point3::new(110.0, -5.0, 600.0)).norm() < 1e-9);
+        }
+        // A quarter turn about blade z = camera x takes the blade's x axis from -z of the camera to its y.
+        let blade_x = plan.views()[1].camera_from_blade * Vector3::x();
+        assert!((blade_x - Vector3::y()).norm() < 1e-12, "{blade_x}");
+    }
+
+    #[test]
+    fn a_view_tilts_about_x_then_y_after_its_turn() {
+        let recipe = recipe("tilt_max_deg = 20");
+        let plan = Plan::new(&recipe, &Station::builtin_simulated(), Seed(5)).unwrap();
+        for view in plan.views() {
+            let tilt = rotation_from_fixed_xyz(view.tilt_x_rad, view.tilt_y_rad, 0.0);
+            let turn = rotation_from_fixed_xyz(0.0, 0.0, view.turn_rad);
+            let expected = recipe.camera_from_fixture * tilt * turn;
+            assert_same(&view.camera_from_blade, &expected, &format!("view {}", view.index));
+        }
+    }
+
+    #[test]
+    fn tilts_are_drawn_for_every_view_from_the_seed() {
+        let recipe = recipe("tilt_max_deg = 20");
+        let station = Station::builtin_simulated();
+        let plan = |seed| Plan::new(&recipe, &station, Seed(seed)).unwrap();
+        assert_eq!(plan(1), plan(1));
+        assert_ne!(plan(1), plan(2));
+        let largest_rad = recipe.views.tilt_max_rad;
+        for view in plan(1).views() {
+            for tilt_rad in [view.tilt_x_rad, view.tilt_y_rad] {
+                assert!(tilt_rad != 0.0 && tilt_rad.abs() <= largest_rad, "view {}", view.index);
+            }
+        }
+    }
+
+    #[test]
+    fn the_first_views_of_a_plan_keep_their_poses() {
+        let whole = Plan::new(&recipe("tilt_max_deg = 5"), &Station::builtin_simulated(), Seed(1)).unwrap();
+        let first = whole.clone().truncated(NonZeroUsize::new(4).unwrap());
+        assert_eq!(first.views(), &whole.views()[..4]);
+        assert_eq!(first.moves(), &whole.moves()[..3]);
+        assert_eq!((whole.merged_min_count(), first.merged_min_count()), (35, 4));
+        assert_eq!(whole.clone().truncated(NonZeroUsize::new(99).unwrap()), whole);
+        assert_eq!(whole.clone().truncated(NonZeroUsize::MIN).moves(), []);
+    }
+
+    #[test]
+    fn the_slower_of_turn_and_travel_sets_the_time_of_a_move() {
+        let station = Station::builtin_simulated();
+        let plan = Plan::new(&recipe(""), &station, Seed(1)).unwrap();
+        assert_eq!(plan.moves().len(), 35);
+        for planned in plan.moves() {
+            // Here the tool turns about its own axis: 10 deg at 60 deg/s, and 20 ms of rest.
+            assert!(planned.distance_mm < 1e-9 && (planned.angle_rad - PI / 18.0).abs() < 1e-12);
+            assert_eq!(planned.duration_ns, 166_666_667 + 20_000_000);
+        }
+        assert_eq!(plan.moves_duration_ns(), 35 * 186_666_667);
+
+        let mut sideways = station.clone();
+        sideways.tool_from_blade = Translation3::new(300.0, 0.0, 0.0).into();
+        let plan = Plan::new(&recipe(""), &sideways, Seed(1)).unwrap();
+        let chord_mm = 2.0 * 300.0 * (PI / 36.0).sin();
+        assert!((plan.moves()[0].distance_mm - chord_mm).abs() < 1e-9);
+        let travel_ns = (chord_mm / 200.0 * 1e9) as u64 + 20_000_000;
+        assert!(plan.moves()[0].duration_ns.abs_diff(travel_ns) < 10);
+    }
+
+    #[test]
+    fn a_pose_outside_the_workspace_is_named() {
+        let mut station = Station::builtin_simulated();
+        station.robot.workspace.max_mm.y = -150.0;
+        let error = Plan::new(&recipe(""), &station, Seed(1)).unwrap_err();
+        let expected = "view 0: the tool would be at y = -100.000 mm in the robot's base frame, \
+                        the workspace allows -1000 to -150 mm";
+        assert_eq!(error.to_string(), expected);
+    }
+
+    #[test]
+    fn the_relative_motion_seen_by_the_camera_does_not_depend_on_the_grip() {
+        for seed in 0..20 {
+            let mut generator = Seed(seed).stream(Stream::Tilt);
+            let mut draw = || 2.0 * generator.random::<f64>() - 1.0;
+            let mut station = Station::builtin_simulated();
+            station.tool_from_blade = Isometry3::from_parts(
+                Translation3::new(100.0 * draw(), 100.0 * draw(), 300.0 * draw()),
+                rotation_from_fixed_xyz(draw(), draw(), draw()),
+            );
+            let plan = Plan::new(&recipe("tilt_max_deg = 20"), &station, Seed(seed)).unwrap();
+            let [a, b] = [plan.views()[0], plan.views()[7]];
+            let a_from_b = camera_relative(&station.base_from_camera, &a.base_from_tool, &b.base_from_tool);
+            let expected = a.camera_from_blade * b.camera_from_blade.inverse();
+            assert_same(&a_from_b, &expected, &format!("seed {seed}"));
+        }
+    }
+}

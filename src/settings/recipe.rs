@@ -259,12 +259,12 @@ impl Recipe {
 fn views(source: &Source, written: &ViewsFile) -> Result<Views, SettingsError> {
     let step_deg = *written.step_deg.get_ref();
     let count = (360.0 / step_deg).round();
-    if (count * step_deg - 360.0).abs() > 1e-6 {
-        let below = 360.0 / (count + 1.0);
-        let above = 360.0 / (count - 1.0).max(1.0);
+    if (360.0 / count - step_deg).abs() > STEP_TOLERANCE_DEG {
+        let fewer = (360.0 / step_deg).floor();
+        let [below, above] = [fewer + 1.0, fewer].map(|count| format!("{:.6}", 360.0 / count));
+        let [below, above] = [&below, &above].map(|step| step.trim_end_matches('0').trim_end_matches('.'));
         let message = format!("`views.step_deg` is {step_deg} deg, which does not divide 360 deg");
-        let near = [below, 360.0 / count, above].map(|step_deg| format!("{step_deg:.6}"));
-        let help = format!("near it divide: {}", near.join(", "));
+        let help = format!("the nearest that do are {below} and {above} deg; allowed: 0.5 to 180 deg");
         return Err(source.error(written.step_deg.span(), message, Some(help)));
     }
     let count = count as u32;
@@ -390,6 +390,9 @@ fn merge(source: &Source, written: &MergeFile, registration: &Registration) -> R
         coincident_distance_mm,
     })
 }
+
+/// Room for a step written with six decimals.
+const STEP_TOLERANCE_DEG: f64 = 1e-6;
 
 const SENSOR_WIDTH_PX: u16 = 1440;
 const SENSOR_HEIGHT_PX: u16 = 1080;

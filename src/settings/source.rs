@@ -208,7 +208,13 @@ impl Source {
                 }
                 for (index, element) in elements.iter().enumerate() {
                     if !fits(element.get_ref()) {
-                        return Err(wrong_type());
+                        let found = kind_in_words(element.get_ref());
+                        let message = format!(
+                            "`{}` must be {}, not a list with {found} in it",
+                            key.path,
+                            key.kind_text()
+                        );
+                        return Err(self.error(element.span(), message, Some(key.allowed_text())));
                     }
                     self.check_range(&format!("{}[{index}]", key.path), range, element)?;
                 }
