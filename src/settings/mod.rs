@@ -5,15 +5,17 @@
 //! are *what it means*: millimetres, radians, nanoseconds, every relation between keys settled. Past them nothing is
 //! checked again.
 
+mod error;
 mod keys;
 mod recipe;
 mod source;
 mod station;
+mod written;
 
+pub use error::SettingsError;
 pub use keys::{Key, Kind, Need, RECIPE_KEYS, Range, STATION_KEYS};
 pub use recipe::{
     Cad, CameraSettings, Compression, Merge, Optics, OutlierFilter, OverlapMin, Recipe, Registration, Roi, Start,
     Views, WorkingVolume,
 };
-pub use source::SettingsError;
 pub use station::{CameraLink, HostPort, RobotLink, Station, Target, Workspace};

@@ -7,9 +7,11 @@ use nalgebra::Isometry3;
 use serde::Deserialize;
 use toml::Spanned;
 
+use super::error::SettingsError;
 use super::keys::RECIPE_KEYS;
-use super::source::{SettingsError, Source};
-use super::station::{PoseFile, name_is_plain};
+use super::source::Source;
+use super::station::name_is_plain;
+use super::written::{CameraFile, MergeFile, RecipeFile, RegistrationFile, ViewsFile};
 
 /// What is measured, and how: one file per blade type.
 #[derive(Debug, Clone, PartialEq)]
@@ -229,7 +231,7 @@ impl Recipe {
     ///
     /// # Errors
     ///
-    /// The first mistake in the text: broken TOML, an unknown or missing key, a wrong type, a value out of its range, or
+    /// One mistake in the text: broken TOML, an unknown or missing key, a wrong type, a value out of its range, or
     /// two keys that contradict each other.
     pub fn parse(file_name: &str, text: &str) -> Result<Self, SettingsError> {
         let source = Source::new(file_name, text, RECIPE_KEYS);
@@ -396,78 +398,3 @@ const STEP_TOLERANCE_DEG: f64 = 1e-6;
 
 const SENSOR_WIDTH_PX: u16 = 1440;
 const SENSOR_HEIGHT_PX: u16 = 1080;
-
-/// What a recipe file says, defaults filled in, in the units of its keys.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct RecipeFile {
-    name: Spanned<String>,
-    description: String,
-    blade: BladeFile,
-    views: ViewsFile,
-    presentation: PoseFile,
-    camera: CameraFile,
-    registration: RegistrationFile,
-    #[serde(default)]
-    merge: MergeFile,
-    run: RunFile,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct BladeFile {
-    cad: Spanned<String>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct ViewsFile {
-    step_deg: Spanned<f64>,
-    tilt_max_deg: f64,
-    views_min: Option<Spanned<u32>>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct CameraFile {
-    optics: Optics,
-    binning: bool,
-    roi_px: Option<Spanned<[u16; 4]>>,
-    exposure_us: u32,
-    hdr_low_us: Option<u32>,
-    hdr_high_us: Option<u32>,
-    image_count: u16,
-    led_percent: u8,
-    compression: Compression,
-    frame_time_ratio: f32,
-    score_threshold: f32,
-    outlier_filter: OutlierFilter,
-    reconstruction_quality: u8,
-    pre_filtering: u8,
-    working_volume: WorkingVolume,
-    points_min: u32,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct RegistrationFile {
-    start: Start,
-    sample_count: usize,
-    overlap_distance_mm: Option<f64>,
-    prior_rotation_max_deg: f64,
-    prior_translation_max_mm: f64,
-}
-
-#[derive(Default, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct MergeFile {
-    overlap_min_fraction: Option<Spanned<f64>>,
-    overlap_min_count: Option<Spanned<u32>>,
-    coincident_distance_mm: Option<f64>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct RunFile {
-    retakes_max: u32,
-}

@@ -2,13 +2,13 @@
 
 use std::fmt;
 
-use nalgebra::{Isometry3, Point3, Translation3};
-use serde::Deserialize;
+use nalgebra::{Isometry3, Point3};
 use toml::Spanned;
 
+use super::error::SettingsError;
 use super::keys::STATION_KEYS;
-use super::source::{SettingsError, Source};
-use crate::geometry::rotation_from_fixed_xyz;
+use super::source::Source;
+use super::written::{CameraLinkFile, KindFile, RobotFile, StationFile, WorkspaceFile};
 
 /// Where it is measured: devices, limits, time-outs and calibration of one cell.
 #[derive(Debug, Clone, PartialEq)]
@@ -147,7 +147,7 @@ impl Station {
     ///
     /// # Errors
     ///
-    /// The first mistake in the text: broken TOML, an unknown or missing key, a wrong type, a value out of its range, or
+    /// One mistake in the text: broken TOML, an unknown or missing key, a wrong type, a value out of its range, or
     /// two keys that contradict each other.
     pub fn parse(file_name: &str, text: &str) -> Result<Self, SettingsError> {
         let source = Source::new(file_name, text, STATION_KEYS);
@@ -253,7 +253,7 @@ fn workspace(source: &Source, written: &WorkspaceFile) -> Result<Workspace, Sett
     })
 }
 
-fn camera_link(source: &Source, written: &CameraFile) -> Result<CameraLink, SettingsError> {
+fn camera_link(source: &Source, written: &CameraLinkFile) -> Result<CameraLink, SettingsError> {
     let dead_after_ms = *written.dead_after_ms.get_ref();
     if dead_after_ms <= written.ping_interval_ms {
         let message = format!(
@@ -295,86 +295,3 @@ fn not_empty(source: &Source, path: &str, text: Spanned<String>) -> Result<Strin
 }
 
 const NS_PER_MS: u64 = 1_000_000;
-
-/// A position and fixed-axis angles (x, then y, then z), as both kinds of file write a pose.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct PoseFile {
-    position_mm: [f64; 3],
-    rotation_deg: [f64; 3],
-}
-
-impl PoseFile {
-    pub(super) fn isometry(&self) -> Isometry3<f64> {
-        let [rx_rad, ry_rad, rz_rad] = self.rotation_deg.map(f64::to_radians);
-        Isometry3::from_parts(
-            Translation3::from(self.position_mm),
-            rotation_from_fixed_xyz(rx_rad, ry_rad, rz_rad),
-        )
-    }
-}
-
-/// What a station file says, defaults filled in, in the units of its keys.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct StationFile {
-    name: Spanned<String>,
-    kind: KindFile,
-    robot: RobotFile,
-    camera: CameraFile,
-    calibration: CalibrationFile,
-}
-
-#[derive(Deserialize)]
-#[serde(rename_all = "lowercase")]
-enum KindFile {
-    Simulated,
-    Cell,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct RobotFile {
-    address: Option<Spanned<String>>,
-    tool: u8,
-    speed_mm_s: f64,
-    rotation_speed_deg_s: f64,
-    answer_timeout_ms: u64,
-    ask_attempts: u32,
-    poll_interval_ms: u64,
-    start_grace_ms: u64,
-    move_timeout_ms: u64,
-    settle_ms: u64,
-    servo_timeout_ms: u64,
-    hold_repeat_ms: u64,
-    hold_timeout_ms: u64,
-    position_tolerance_mm: f64,
-    rotation_tolerance_deg: f64,
-    workspace: WorkspaceFile,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct WorkspaceFile {
-    min_mm: [f64; 3],
-    max_mm: Spanned<[f64; 3]>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct CameraFile {
-    address: Option<Spanned<String>>,
-    connect_timeout_ms: u64,
-    reply_timeout_ms: u64,
-    frame_timeout_extra_ms: u64,
-    ping_interval_ms: u64,
-    dead_after_ms: Spanned<u64>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct CalibrationFile {
-    id: Spanned<String>,
-    base_from_camera: PoseFile,
-    tool_from_blade: PoseFile,
-}
