@@ -3,4 +3,6 @@
 //! See `ARCHITECTURE.md` for the floors, the flow of one view and the invariants.
 
 pub mod geometry;
+pub mod reconstruction;
+pub mod registration;
 pub mod seed;
