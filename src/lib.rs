@@ -4,5 +4,7 @@
 
 pub mod geometry;
 pub mod plan;
+pub mod reconstruction;
+pub mod registration;
 pub mod seed;
 pub mod settings;
