@@ -3,3 +3,6 @@
 //! This crate is a second, independent reading of `docs/protocols/`; it names nothing of the controller crate.
 
 pub mod blade;
+pub mod camera;
+mod draws;
+pub mod pose_error;

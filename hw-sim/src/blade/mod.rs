@@ -53,7 +53,7 @@ impl Mesh {
     }
 
     /// Adds a component; its triangles keep their order behind those already there.
-    fn append(&mut self, component: Mesh) {
+    pub(crate) fn append(&mut self, component: Mesh) {
         let offset = u32::try_from(self.vertices.len()).expect("built-in blades have far fewer than 2^32 vertices");
         self.vertices.extend(component.vertices);
         self.triangles.extend(
@@ -65,7 +65,7 @@ impl Mesh {
     }
 
     /// Moves every vertex by the same vector, mm.
-    fn translate(&mut self, shift_mm: Vector3<f64>) {
+    pub(crate) fn translate(&mut self, shift_mm: Vector3<f64>) {
         for vertex in &mut self.vertices {
             *vertex += shift_mm;
         }
