@@ -6,3 +6,5 @@ pub mod blade;
 pub mod camera;
 mod draws;
 pub mod pose_error;
+pub mod score;
+pub mod truth;
