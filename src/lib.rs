@@ -2,7 +2,16 @@
 //!
 //! See `ARCHITECTURE.md` for the floors, the flow of one view and the invariants.
 
+pub mod camera;
+pub mod fault;
 pub mod geometry;
 pub mod plan;
+pub mod reconstruction;
+pub mod registration;
+pub mod robot;
 pub mod seed;
+pub mod session;
 pub mod settings;
+pub mod stamp;
+#[cfg(test)]
+mod vectors;

@@ -1,0 +1,5 @@
+//! Acquisition.
+
+mod arm;
+
+pub use arm::{Arm, ArmEvent, ArmSettings};
