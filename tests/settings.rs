@@ -157,10 +157,18 @@ fn the_overlap_distance_follows_optics_and_binning() {
             recipe.merge.coincident_distance_mm,
         )
     };
-    assert_eq!(distances_mm("optics = \"fine\""), (0.1, 0.05));
-    assert_eq!(distances_mm("optics = \"fine\"\nbinning = true"), (0.2, 0.1));
-    assert_eq!(distances_mm("optics = \"medium\""), (0.25, 0.125));
-    assert_eq!(distances_mm("optics = \"wide\""), (0.5, 0.25));
+    let document = include_str!("../docs/recipe.md");
+    assert!(
+        document.contains("fine 0.12, medium 0.6, wide 1.35 mm (three times the nominal point spacing), twice that")
+    );
+    for (camera, overlap_distance_mm) in [
+        ("optics = \"fine\"", 0.12),
+        ("optics = \"fine\"\nbinning = true", 0.24),
+        ("optics = \"medium\"", 0.6),
+        ("optics = \"wide\"", 1.35),
+    ] {
+        assert_eq!(distances_mm(camera), (overlap_distance_mm, overlap_distance_mm / 3.0));
+    }
 }
 
 #[test]

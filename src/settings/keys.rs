@@ -194,7 +194,7 @@ pub const RECIPE_KEYS: &[Key] = &[
     optional(
         "merge.coincident_distance_mm",
         number(0.001, 10.0, "mm"),
-        "half of the overlap distance",
+        "a third of the overlap distance",
     ),
     default("run.retakes_max", integer(0.0, 10.0, ""), "1"),
 ];

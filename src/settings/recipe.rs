@@ -141,12 +141,12 @@ impl Optics {
         }
     }
 
-    /// Neighbours nearer than this overlap, in mm: a little more than the point spacing at the nominal distance.
+    /// Neighbours nearer than this overlap, in mm: three times the point spacing at the nominal distance, unbinned.
     fn overlap_distance_mm(self) -> f64 {
         match self {
-            Self::Fine => 0.1,
-            Self::Medium => 0.25,
-            Self::Wide => 0.5,
+            Self::Fine => 0.12,
+            Self::Medium => 0.6,
+            Self::Wide => 1.35,
         }
     }
 }
@@ -386,7 +386,7 @@ fn merge(source: &Source, written: &MergeFile, registration: &Registration) -> R
     };
     let coincident_distance_mm = written
         .coincident_distance_mm
-        .unwrap_or(0.5 * registration.overlap_distance_mm);
+        .unwrap_or(registration.overlap_distance_mm / 3.0);
     Ok(Merge {
         overlap_min,
         coincident_distance_mm,
