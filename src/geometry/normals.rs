@@ -238,7 +238,7 @@ impl Moments {
 /// every pixel is what normals cost.
 fn smallest_direction(covariance: &Matrix3<f64>) -> Option<Vector3<f64>> {
     let scale = covariance.trace();
-    if !(scale > 0.0) {
+    if scale <= 0.0 || scale.is_nan() {
         return None;
     }
     let a = covariance / scale;
