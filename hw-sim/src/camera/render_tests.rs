@@ -327,3 +327,40 @@ fn a_body_behind_the_camera_or_beside_the_field_gives_an_empty_frame() {
         assert!(frame.mask.iter().all(|mask| mask & MASK_INVALID != 0));
     }
 }
+
+#[test]
+fn every_built_in_blade_fits_the_optics_meant_for_it_and_fills_the_frame() {
+    for (blade, optics, binning, distance_mm, exposure_us) in [
+        (Builtin::Lpt, Optics::wide(), false, 1100.0, 1000.0),
+        (Builtin::HptA, Optics::fine(), true, 280.0, 1000.0),
+        (Builtin::HptB, Optics::medium(), false, 600.0, 1000.0),
+        (Builtin::HptC, Optics::medium(), false, 450.0, 750.0),
+    ] {
+        let (name, mesh) = (blade.name(), blade.mesh());
+        let renderer = Renderer::new(&mesh, SurfaceNoise::matte()).unwrap();
+        let capture = Capture {
+            binning,
+            exposure_us,
+            ..Capture::default()
+        };
+        for angle_rad in [0.0, FRAC_PI_2, PI] {
+            // Blade z along the wide side of the image, blade x towards the far side at angle 0.
+            let x_along_z =
+                Rotation3::from_matrix_unchecked(nalgebra::Matrix3::new(0.0, 0.0, 1.0, 0.0, -1.0, 0.0, 1.0, 0.0, 0.0));
+            let fixture = Isometry3::from_parts(
+                Vector3::new(0.0, 0.0, distance_mm).into(),
+                UnitQuaternion::from_rotation_matrix(&x_along_z),
+            );
+            let pose = fixture * Isometry3::rotation(Vector3::z() * angle_rad);
+            assert!(optics.covers(&pose, &mesh.vertices), "{name}");
+            let frame = renderer.render(&optics, &pose, &capture, &DRAWS);
+            let count = frame.valid_count;
+            assert!(
+                (40_000..200_000).contains(&count),
+                "{name}: {count} points at {angle_rad} rad"
+            );
+            assert_eq!(frame.saturated_count, 0, "{name}");
+            assert_eq!(frame.mask.iter().filter(|&&mask| mask == 0).count(), count as usize);
+        }
+    }
+}
