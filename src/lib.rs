@@ -3,8 +3,11 @@
 //! See `ARCHITECTURE.md` for the floors, the flow of one view and the invariants.
 
 pub mod camera;
+pub mod controller;
+pub mod event;
 pub mod fault;
 pub mod geometry;
+pub mod job;
 pub mod plan;
 pub mod reconstruction;
 pub mod registration;

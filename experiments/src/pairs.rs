@@ -41,7 +41,11 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
     let cases = cases::find(&arguments.root, arguments.level.as_deref())?;
     let settings = Settings {
         weak_directions: WeakDirections::Report,
-        search: if arguments.everywhere { Search::Everywhere } else { Search::Near },
+        search: if arguments.everywhere {
+            Search::Everywhere
+        } else {
+            Search::Near
+        },
         ..Settings::default()
     };
     let mut groups: BTreeMap<String, Vec<(Errors, f64)>> = BTreeMap::new();

@@ -40,6 +40,13 @@ struct Anchor {
     normal: Vector3<f64>,
 }
 
+impl std::fmt::Debug for Model {
+    /// Counts only: a model has hundreds of thousands of points.
+    fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(out, "Model of {} points from {} views", self.len(), self.view_count())
+    }
+}
+
 impl Model {
     /// The model with one more view: measured points that coincide with a model point are merged into it, the others are
     /// added in the view's order.
