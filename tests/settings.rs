@@ -414,6 +414,25 @@ fn broken_toml_is_shown_at_its_place() {
 }
 
 #[test]
+fn every_broken_text_has_a_place_that_can_be_shown() {
+    let shown = |text: &str| {
+        if let Err(error) = Recipe::parse("probe.toml", text) {
+            assert!(error.line() >= 1 && error.column() >= 1);
+            assert!(rendered(&error).contains("[probe.toml:"), "{text}");
+        }
+    };
+    for (at, letter) in RECIPE.char_indices() {
+        shown(&RECIPE[..at]);
+        for instead in ["", "ü", "\r\n", "\"", "[", "}", ".", "=", "0", "\u{0}"] {
+            let after = &RECIPE[at + letter.len_utf8()..];
+            shown(&format!("{}{instead}{after}", &RECIPE[..at]));
+        }
+    }
+    shown(&format!("name = {}", "[".repeat(100_000)));
+    shown(&format!("{}name = 1", "a.".repeat(100_000)));
+}
+
+#[test]
 fn names_that_cannot_name_files_are_refused() {
     for name in ["", "a/b", "a b", "ü"] {
         let error = recipe_error("\"probe\"", &format!("\"{name}\""));
