@@ -138,3 +138,99 @@ pub enum Ending {
         fault: Fault,
     },
 }
+
+impl Event {
+    /// The event in words, one line.
+    pub fn words(&self) -> String {
+        match self {
+            Self::Started {
+                recipe,
+                station,
+                view_count,
+            } => format!("run begins: recipe {recipe}, station {station}, {view_count} views"),
+            Self::RobotIdentified { model, software, .. } => format!("robot: {model}, software {software}"),
+            Self::CameraReady {
+                model, serial, optics, ..
+            } => format!("camera: {model}, serial {serial}, optics {optics}"),
+            Self::RobotReady => "robot ready, servo power on".into(),
+            Self::MoveStarted { view_index, attempt } => format!("{}: moving", named(*view_index, *attempt)),
+            Self::Arrived { view_index, attempt } => format!("{}: in position", named(*view_index, *attempt)),
+            Self::Triggered { view_index, attempt } => format!("{}: exposing", named(*view_index, *attempt)),
+            Self::ExposureDone { view_index, attempt } => format!("{}: exposed", named(*view_index, *attempt)),
+            Self::FrameArrived {
+                view_index,
+                attempt,
+                valid_count,
+                ..
+            } => format!("{}: frame with {valid_count} points", named(*view_index, *attempt)),
+            Self::FrameFailed {
+                view_index,
+                attempt,
+                reason,
+                retaken,
+            } => format!(
+                "{}: no frame ({reason}); {}",
+                named(*view_index, *attempt),
+                if *retaken {
+                    "taking it again"
+                } else {
+                    "going on without it"
+                }
+            ),
+            Self::ViewPrepared {
+                view_index,
+                point_count,
+                ..
+            } => format!("view {view_index}: {point_count} points with normals"),
+            Self::ViewMerged {
+                view_index,
+                figures,
+                model_point_count,
+            } => format!(
+                "view {view_index}: merged{}; model {model_point_count} points",
+                figures.words()
+            ),
+            Self::ViewDiscarded {
+                view_index,
+                figures,
+                reason,
+            } => format!("view {view_index}: discarded, {reason}{}", figures.words()),
+            Self::ViewMissing { view_index, reason } => format!("view {view_index}: missing, {reason}"),
+            Self::HoldAsked { by } => match by {
+                HoldBy::Operator => "holding the arm, as the operator asked".into(),
+                HoldBy::Robot => "held at the robot".into(),
+                HoldBy::Ending => "holding the arm".into(),
+            },
+            Self::Held => "the arm is held and stands".into(),
+            Self::Resumed => "the run goes on".into(),
+            Self::AbortAsked => "ending the run, as the operator asked".into(),
+            Self::Faulted { fault } => format!("FAULT {fault}"),
+            Self::CameraCondition { status } => format!("camera state {}", status.state),
+            Self::Noted { text } => text.clone(),
+            Self::Ended { ending } => match ending {
+                Ending::Finished => "run finished".into(),
+                Ending::Aborted => "run aborted by the operator".into(),
+                Ending::Faulted { fault } => format!("run stopped by {fault}"),
+            },
+        }
+    }
+}
+
+impl ViewFigures {
+    fn words(&self) -> String {
+        match (self.overlap_fraction, self.rmse_mm) {
+            (Some(overlap), Some(rmse_mm)) => format!(
+                ", overlap {overlap:.3}, residual {rmse_mm:.4} mm, {:.3}° and {:.3} mm from the robot's pose",
+                self.from_prior_deg, self.from_prior_mm
+            ),
+            _ => String::new(),
+        }
+    }
+}
+
+fn named(view_index: usize, attempt: u16) -> String {
+    match attempt {
+        0 => format!("view {view_index}"),
+        _ => format!("view {view_index} (attempt {attempt})"),
+    }
+}

@@ -8,6 +8,7 @@ pub mod event;
 pub mod fault;
 pub mod geometry;
 pub mod job;
+pub mod journal;
 pub mod plan;
 pub mod reconstruction;
 pub mod registration;
