@@ -149,6 +149,21 @@ pub enum FaultError {
     },
 }
 
+impl Fault {
+    /// View whose acquisition meets this fault; none for a fault of the robot or of a whole run.
+    pub fn camera_view(&self) -> Option<u32> {
+        match *self {
+            Self::CameraGone { view }
+            | Self::CameraError { view, .. }
+            | Self::CorruptChunk { view }
+            | Self::EmptyFrame { view }
+            | Self::CameraSilent { view }
+            | Self::LateFrame { view, .. } => Some(view),
+            _ => None,
+        }
+    }
+}
+
 impl FromStr for Fault {
     type Err = FaultError;
 

@@ -5,9 +5,18 @@
 //! [`cell::Cell`] is the whole cell as a value: datagrams, bytes, finished render jobs and time go in; datagrams, bytes,
 //! render jobs and the truth come out. Only [`shell`] opens sockets and reads a clock.
 
+pub mod blade;
 pub mod camera;
+pub mod cell;
+pub mod cli;
+mod draws;
 pub mod fault;
+pub mod pose_error;
 pub mod robot;
+pub mod scene;
+pub mod score;
+pub mod shell;
+pub mod truth;
 
 #[cfg(test)]
 mod vectors;
