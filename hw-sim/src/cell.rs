@@ -1,0 +1,308 @@
+//! The simulated cell as a value: robot, camera and the blade between them, without sockets and without a clock.
+
+use core::net::SocketAddr;
+use std::collections::{BTreeMap, VecDeque};
+
+use nalgebra::Isometry3;
+
+use crate::camera::device::{Device, DeviceOutput, DeviceSettings};
+use crate::camera::optics::Optics;
+use crate::camera::render::{Capture, Draws, Frame, Renderer};
+use crate::pose_error::{calibration_error, pose_error};
+use crate::robot::controller::{Controller, Panel, RobotOutput, Settings};
+use crate::scene::Scene;
+use crate::truth::Truth;
+
+/// What happens to the cell.
+#[derive(Clone, Debug)]
+pub enum Input {
+    /// A datagram for the robot controller.
+    RobotDatagram {
+        /// Sender; its answer goes there.
+        from: SocketAddr,
+        /// Whole datagram.
+        bytes: Vec<u8>,
+    },
+    /// A client connected to the camera.
+    CameraConnected {
+        /// New for each connection.
+        connection: u64,
+    },
+    /// Bytes for the camera.
+    CameraBytes {
+        /// Connection they came on.
+        connection: u64,
+        /// Whatever piece of the stream came.
+        bytes: Vec<u8>,
+    },
+    /// A client's connection to the camera ended.
+    CameraClosed {
+        /// Connection that ended.
+        connection: u64,
+    },
+    /// A render job is done.
+    Rendered {
+        /// Job of [`RenderJob`].
+        job: u64,
+        /// What the camera sees.
+        frame: Frame,
+    },
+    /// A person does something at the robot's panel.
+    Panel(Panel),
+    /// Time has passed.
+    Wake,
+}
+
+/// What the cell wants done.
+#[derive(Clone, Debug)]
+pub enum Output {
+    /// An answer of the robot controller.
+    RobotDatagram {
+        /// Receiver.
+        to: SocketAddr,
+        /// Whole datagram.
+        bytes: Vec<u8>,
+    },
+    /// Bytes of the camera.
+    CameraBytes {
+        /// Connection to send on.
+        connection: u64,
+        /// Whole frames.
+        bytes: Vec<u8>,
+    },
+    /// End of a connection to the camera, once its bytes are sent.
+    CameraClose {
+        /// Connection to close.
+        connection: u64,
+    },
+    /// A frame must be computed and come back as [`Input::Rendered`].
+    Render(RenderJob),
+    /// The truth has grown by one acquisition.
+    Truth(Truth),
+    /// Someone broke a protocol; for the log.
+    Violation(String),
+}
+
+/// What one acquisition sees. Equal jobs give equal frames.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RenderJob {
+    /// Count of the acquisition.
+    pub job: u64,
+    /// Lens set.
+    pub optics: Optics,
+    /// True pose of the blade.
+    pub camera_from_blade: Isometry3<f64>,
+    /// Settings of the camera.
+    pub capture: Capture,
+    /// What the draws come from.
+    pub draws: Draws,
+}
+
+impl RenderJob {
+    /// The frame.
+    pub fn run(&self, renderer: &Renderer) -> Frame {
+        renderer.render(&self.optics, &self.camera_from_blade, &self.capture, &self.draws)
+    }
+}
+
+/// The simulated cell.
+#[derive(Clone, Debug)]
+pub struct Cell {
+    scene: Scene,
+    robot: Controller,
+    camera: Device,
+    exposures: BTreeMap<u64, Exposure>,
+    truth: Truth,
+    outputs: VecDeque<Output>,
+}
+
+/// An acquisition whose truth is not recorded yet.
+#[derive(Clone, Debug)]
+struct Exposure {
+    trigger_id: u64,
+    camera_from_blade: Isometry3<f64>,
+    was_moving: bool,
+    move_count: u32,
+    /// Whether the robot moved, known once the exposure has ended.
+    moved: Option<bool>,
+    surface_points_mm: Option<Vec<[f64; 3]>>,
+}
+
+impl Cell {
+    /// Cell at rest: the robot stands at home, nobody is connected.
+    pub fn new(scene: Scene) -> Self {
+        let robot = Controller::new(Settings {
+            home: scene.home,
+            workspace_min_um: scene.workspace_um[0],
+            workspace_max_um: scene.workspace_um[1],
+            speed: scene.speed,
+            seed: scene.seed,
+            faults: scene.faults.clone(),
+        });
+        let camera = Device::new(DeviceSettings {
+            optics: scene.optics,
+            speed: scene.speed,
+            boot_id: scene.boot_id,
+            faults: scene.faults.clone(),
+        });
+        let mut truth = Truth::new(
+            &scene.blade,
+            scene.seed,
+            scene.optics.name,
+            scene.noise,
+            scene.pose_error,
+        );
+        truth.faults = scene.faults.iter().map(ToString::to_string).collect();
+        Self {
+            scene,
+            robot,
+            camera,
+            exposures: BTreeMap::new(),
+            truth,
+            outputs: VecDeque::new(),
+        }
+    }
+
+    /// Takes what happened at this time; times never go back. What was due before it happens first.
+    pub fn handle_input(&mut self, now_ns: u64, input: Input) {
+        self.camera.handle_wake(now_ns);
+        self.drain_camera(now_ns);
+        match input {
+            Input::RobotDatagram { from, bytes } => self.robot.handle_datagram(now_ns, from, &bytes),
+            Input::Panel(panel) => self.robot.handle_panel(now_ns, panel),
+            Input::CameraConnected { connection } => self.camera.handle_connected(now_ns, connection),
+            Input::CameraBytes { connection, bytes } => self.camera.handle_bytes(now_ns, connection, &bytes),
+            Input::CameraClosed { connection } => self.camera.handle_closed(now_ns, connection),
+            Input::Rendered { job, frame } => self.take_frame(now_ns, job, frame),
+            Input::Wake => (),
+        }
+        self.drain_camera(now_ns);
+        while let Some(output) = self.robot.poll_output() {
+            self.outputs.push_back(match output {
+                RobotOutput::Datagram { to, bytes } => Output::RobotDatagram { to, bytes },
+                RobotOutput::Violation(text) => Output::Violation(text),
+            });
+        }
+    }
+
+    /// Says good-bye to the camera's clients.
+    pub fn shut_down(&mut self, now_ns: u64) {
+        self.camera.shut_down();
+        self.drain_camera(now_ns);
+    }
+
+    /// Next thing to do.
+    pub fn poll_output(&mut self) -> Option<Output> {
+        self.outputs.pop_front()
+    }
+
+    /// When [`Input::Wake`] has something to do.
+    pub fn wake_at(&self) -> Option<u64> {
+        self.camera.wake_at()
+    }
+
+    /// Everything true so far.
+    pub fn truth(&self) -> &Truth {
+        &self.truth
+    }
+
+    fn drain_camera(&mut self, now_ns: u64) {
+        while let Some(output) = self.camera.poll_output() {
+            match output {
+                DeviceOutput::Bytes { connection, bytes } => {
+                    self.outputs.push_back(Output::CameraBytes { connection, bytes });
+                }
+                DeviceOutput::Close { connection } => self.outputs.push_back(Output::CameraClose { connection }),
+                DeviceOutput::Violation(text) => self.outputs.push_back(Output::Violation(text)),
+                DeviceOutput::Expose {
+                    job,
+                    trigger_id,
+                    capture,
+                } => self.expose(now_ns, job, trigger_id, capture),
+                DeviceOutput::Exposed { job } => self.end_exposure(now_ns, job),
+            }
+        }
+    }
+
+    fn expose(&mut self, now_ns: u64, job: u64, trigger_id: u64, capture: Capture) {
+        let base_from_tool = self.robot.pose(now_ns).to_isometry();
+        let camera_from_blade = camera_from_blade(&self.scene, &base_from_tool, trigger_id);
+        let exposure = Exposure {
+            trigger_id,
+            camera_from_blade,
+            was_moving: self.robot.is_moving(now_ns),
+            move_count: self.robot.accepted_move_count(),
+            moved: None,
+            surface_points_mm: None,
+        };
+        // What was aborted while it was exposed has no truth.
+        self.exposures.retain(|_, earlier| earlier.moved.is_some());
+        self.exposures.insert(job, exposure);
+        self.outputs.push_back(Output::Render(RenderJob {
+            job,
+            optics: self.scene.optics,
+            camera_from_blade,
+            capture,
+            draws: Draws {
+                seed: self.scene.seed,
+                trigger_id,
+            },
+        }));
+    }
+
+    fn end_exposure(&mut self, now_ns: u64, job: u64) {
+        if let Some(exposure) = self.exposures.get_mut(&job) {
+            let has_moved = self.robot.is_moving(now_ns) || self.robot.accepted_move_count() != exposure.move_count;
+            exposure.moved = Some(exposure.was_moving || has_moved);
+        }
+        self.record(job);
+    }
+
+    fn take_frame(&mut self, now_ns: u64, job: u64, frame: Frame) {
+        if let Some(exposure) = self.exposures.get_mut(&job) {
+            exposure.surface_points_mm = Some(frame.surface_points_mm.clone());
+        }
+        self.camera.handle_frame(now_ns, job, frame);
+        self.record(job);
+    }
+
+    /// Records the truth of an acquisition that is exposed and rendered. One that was aborted earlier never is.
+    fn record(&mut self, job: u64) {
+        let is_complete =
+            |_: &u64, exposure: &mut Exposure| exposure.moved.is_some() && exposure.surface_points_mm.is_some();
+        for (_, exposure) in self.exposures.extract_if(..=job, is_complete) {
+            self.truth.record(
+                exposure.trigger_id,
+                &exposure.camera_from_blade,
+                exposure.surface_points_mm.unwrap_or_default(),
+                exposure.moved.unwrap_or_default(),
+            );
+            self.outputs.push_back(Output::Truth(self.truth.clone()));
+        }
+    }
+}
+
+/// True pose of the blade before the camera: the calibrated transforms and the reported pose, each with its error. The
+/// errors come from the seed and, for the robot's, from the trigger id alone.
+fn camera_from_blade(scene: &Scene, base_from_tool: &Isometry3<f64>, trigger_id: u64) -> Isometry3<f64> {
+    let size = &scene.pose_error;
+    let calibration = |which| {
+        calibration_error(
+            scene.seed,
+            which,
+            size.calibration_mm,
+            size.calibration_deg.to_radians(),
+        )
+    };
+    let reported_from_true = pose_error(scene.seed, trigger_id, size.robot_mm, size.robot_deg.to_radians());
+    let base_from_camera = scene.base_from_camera * calibration(WHICH_CAMERA);
+    let tool_from_blade = scene.tool_from_blade * calibration(WHICH_BLADE);
+    base_from_camera.inverse() * base_from_tool * reported_from_true * tool_from_blade
+}
+
+const WHICH_CAMERA: u64 = 0;
+const WHICH_BLADE: u64 = 1;
+
+#[cfg(test)]
+#[path = "cell_tests.rs"]
+mod tests;

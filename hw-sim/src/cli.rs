@@ -1,0 +1,359 @@
+//! The simulator's command line.
+
+use std::ffi::OsString;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
+use nalgebra::{Isometry3, Translation3};
+use serde::Serialize;
+use thiserror::Error;
+use tokio::io::AsyncReadExt;
+
+use crate::blade::{Builtin, Mesh, stl};
+use crate::camera::optics::Optics;
+use crate::camera::render::{Renderer, SurfaceNoise};
+use crate::cell::Cell;
+use crate::fault::{CATALOGUE, Fault};
+use crate::robot::pose::{Pose, isometry_from_mm_deg};
+use crate::scene::Scene;
+use crate::score::score_folder;
+use crate::shell::{self, Sockets};
+use crate::truth::PoseErrorSize;
+
+/// Runs the command line `args` (without the name of the program) and says how it went: 0 done, 1 failed, 2 bad arguments
+/// or bad input. `program` stands in the help.
+pub fn main_from(args: impl Iterator<Item = OsString>, program: &str) -> ExitCode {
+    let command = Cli::command().bin_name(program.to_owned()).no_binary_name(true);
+    let parsed = command
+        .try_get_matches_from(args)
+        .and_then(|matches| Cli::from_arg_matches(&matches));
+    let cli = match parsed {
+        Ok(cli) => cli,
+        Err(error) => {
+            // Help goes to standard output, complaints to standard error; a closed one loses them.
+            error.print().ok();
+            return ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2));
+        }
+    };
+    match run(cli.command) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            writeln!(io::stderr(), "error: {error}").ok();
+            error.exit_code()
+        }
+    }
+}
+
+/// The simulated blade-scanning cell: nothing it says was measured.
+///
+/// Example: sim cell --seed 1 --blade builtin:hpt-a --speed 20 --json
+#[derive(Debug, Parser)]
+#[command(version, arg_required_else_help = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Serve robot and camera.
+    Cell(ServeArgs),
+    /// Serve the robot alone.
+    Robot(ServeArgs),
+    /// Serve the camera alone, the blade held at its nominal distance.
+    Camera(ServeArgs),
+    /// List the faults that can be injected.
+    Faults,
+    /// Write a built-in blade as STL.
+    Blade {
+        /// lpt, hpt-a, hpt-b or hpt-c.
+        name: String,
+        /// File to write; an existing one is replaced.
+        #[arg(long, value_name = "FILE.stl")]
+        out: PathBuf,
+    },
+    /// Compare the poses of a run with the truth, as JSON.
+    Score {
+        /// Folder with poses.json and truth.json.
+        dir: PathBuf,
+        /// JSON is the only form there is.
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+#[derive(Debug, Args)]
+struct ServeArgs {
+    /// Seed of everything drawn.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Blade in the gripper: builtin:NAME or an STL file in mm.
+    #[arg(long, default_value = "builtin:hpt-a")]
+    blade: String,
+    /// Lens set: fine, medium or wide.
+    #[arg(long, default_value = "fine", value_parser = parse_optics)]
+    optics: Optics,
+    /// Camera in the robot's base: x,y,z,rx,ry,rz in mm and degrees, fixed axes.
+    #[arg(long, value_name = "POSE", default_value = "1000,-700,1000,-90,0,0", value_parser = parse_pose)]
+    #[arg(allow_hyphen_values = true)]
+    base_from_camera: Isometry3<f64>,
+    /// Blade in the robot's tool: x,y,z,rx,ry,rz in mm and degrees, fixed axes.
+    #[arg(long, value_name = "POSE", default_value = "0,0,400,0,0,0", value_parser = parse_pose)]
+    #[arg(allow_hyphen_values = true)]
+    tool_from_blade: Isometry3<f64>,
+    /// Motion and exposure are this much faster than real; time-outs stay.
+    #[arg(long, default_value_t = 1.0, value_parser = parse_speed)]
+    speed: f64,
+    /// File for the truth, written after each acquisition.
+    #[arg(long, value_name = "FILE")]
+    truth: Option<PathBuf>,
+    /// Fault to inject, KIND[=VALUE][@VIEW]; may be repeated, `faults` lists them.
+    #[arg(long = "fault", value_name = "SPEC")]
+    faults: Vec<Fault>,
+    /// Standard deviation of the robot's position, per axis and view.
+    #[arg(long, default_value_t = 0.05, value_parser = parse_size)]
+    pose_error_mm: f64,
+    /// Standard deviation of the robot's orientation, per axis and view.
+    #[arg(long, default_value_t = 0.03, value_parser = parse_size)]
+    pose_error_deg: f64,
+    /// Standard deviation of the calibrated positions, per axis and run.
+    #[arg(long, default_value_t = 0.1, value_parser = parse_size)]
+    calibration_error_mm: f64,
+    /// Standard deviation of the calibrated orientations, per axis and run.
+    #[arg(long, default_value_t = 0.05, value_parser = parse_size)]
+    calibration_error_deg: f64,
+    /// UDP port of the robot; 0 = any free one.
+    #[arg(long, default_value_t = 0)]
+    hses_port: u16,
+    /// TCP port of the camera; 0 = any free one.
+    #[arg(long, default_value_t = 0)]
+    a3dp_port: u16,
+    /// Say where the devices listen in one line of JSON.
+    #[arg(long)]
+    json: bool,
+    /// End when standard input does.
+    #[arg(long)]
+    until_stdin_closes: bool,
+}
+
+/// Why a command fails.
+#[derive(Debug, Error)]
+enum CliError {
+    #[error("no built-in blade is called {0:?}; there are: lpt, hpt-a, hpt-b, hpt-c")]
+    NoBlade(String),
+    #[error(transparent)]
+    Stl(#[from] stl::StlError),
+    #[error(transparent)]
+    Renderer(#[from] crate::camera::render::RendererError),
+    #[error(transparent)]
+    Score(#[from] crate::score::ScoreError),
+    #[error(transparent)]
+    Shell(#[from] shell::ShellError),
+    #[error("cannot write {path}: {source}")]
+    Write { path: PathBuf, source: io::Error },
+    #[error("cannot say where the cell listens: {0}")]
+    Stdout(#[from] io::Error),
+}
+
+impl CliError {
+    fn exit_code(&self) -> ExitCode {
+        match self {
+            Self::NoBlade(_) | Self::Stl(_) | Self::Renderer(_) | Self::Score(_) => ExitCode::from(2),
+            Self::Shell(_) | Self::Write { .. } | Self::Stdout(_) => ExitCode::from(1),
+        }
+    }
+}
+
+/// Which devices serve.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Devices {
+    Both,
+    Robot,
+    Camera,
+}
+
+fn run(command: Command) -> Result<(), CliError> {
+    match command {
+        Command::Cell(args) => serve(args, Devices::Both),
+        Command::Robot(args) => serve(args, Devices::Robot),
+        Command::Camera(args) => serve(args, Devices::Camera),
+        Command::Faults => {
+            let mut stdout = io::stdout().lock();
+            for (spelling, meaning) in CATALOGUE {
+                writeln!(stdout, "{spelling:24} {meaning}")?;
+            }
+            Ok(())
+        }
+        Command::Blade { name, out } => {
+            let blade = Builtin::from_name(name.strip_prefix(BUILTIN).unwrap_or(&name));
+            let mesh = blade.ok_or(CliError::NoBlade(name))?.mesh();
+            stl::write(&out, &mesh).map_err(|source| CliError::Write { path: out, source })
+        }
+        Command::Score { dir, json: _ } => {
+            let score = score_folder(&dir)?;
+            let mut stdout = io::stdout().lock();
+            serde_json::to_writer_pretty(&mut stdout, &score).map_err(io::Error::from)?;
+            Ok(writeln!(stdout)?)
+        }
+    }
+}
+
+fn serve(args: ServeArgs, devices: Devices) -> Result<(), CliError> {
+    let mesh = load_blade(&args.blade)?;
+    let scene = scene(&args, devices, &mesh);
+    let renderer = Arc::new(Renderer::new(&mesh, scene.noise)?);
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let served = runtime.block_on(async {
+        let robot_port = (devices != Devices::Camera).then_some(args.hses_port);
+        let camera_port = (devices != Devices::Robot).then_some(args.a3dp_port);
+        let sockets = Sockets::open(robot_port, camera_port).await?;
+        announce(&sockets, args.json)?;
+        shell::serve(
+            Cell::new(scene),
+            renderer,
+            sockets,
+            args.truth,
+            stop(args.until_stdin_closes),
+        )
+        .await?;
+        Ok(())
+    });
+    // A thread that waits for standard input must not keep the program.
+    runtime.shutdown_background();
+    served
+}
+
+/// Ends at Ctrl-C and, when asked, at the end of standard input.
+async fn stop(until_stdin_closes: bool) {
+    let stdin_closes = async {
+        if !until_stdin_closes {
+            return std::future::pending().await;
+        }
+        let (mut stdin, mut bytes) = (tokio::io::stdin(), [0; 1024]);
+        while stdin.read(&mut bytes).await.unwrap_or(0) > 0 {}
+    };
+    tokio::select! {
+        () = stdin_closes => (),
+        _ = tokio::signal::ctrl_c() => (),
+    }
+}
+
+/// Addresses of what serves.
+#[derive(Serialize)]
+struct Ready {
+    hses: Option<String>,
+    hses_file: Option<String>,
+    host_control: Option<String>,
+    serial: Option<String>,
+    a3dp: Option<String>,
+}
+
+fn announce(sockets: &Sockets, json: bool) -> io::Result<()> {
+    let robot = sockets.robot_address().map(|address| address.to_string());
+    let camera = sockets.camera_address().map(|address| address.to_string());
+    let mut stdout = io::stdout().lock();
+    if json {
+        let ready = Ready {
+            hses: robot,
+            hses_file: None,
+            host_control: None,
+            serial: None,
+            a3dp: camera,
+        };
+        serde_json::to_writer(&mut stdout, &ready)?;
+        writeln!(stdout)?;
+    } else {
+        if let Some(address) = robot {
+            writeln!(stdout, "SIMULATED robot (DX200, HSES over UDP) on {address}")?;
+        }
+        if let Some(address) = camera {
+            writeln!(stdout, "SIMULATED camera (A3DP/1 over TCP) on {address}")?;
+        }
+    }
+    stdout.flush()
+}
+
+fn load_blade(name: &str) -> Result<Mesh, CliError> {
+    match name.strip_prefix(BUILTIN) {
+        Some(builtin) => Ok(Builtin::from_name(builtin)
+            .ok_or_else(|| CliError::NoBlade(builtin.to_owned()))?
+            .mesh()),
+        None => Ok(stl::read(Path::new(name))?),
+    }
+}
+
+fn scene(args: &ServeArgs, devices: Devices, mesh: &Mesh) -> Scene {
+    let defaults = Scene::default();
+    let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    let mut scene = Scene {
+        blade: args.blade.strip_prefix(BUILTIN).unwrap_or(&args.blade).to_owned(),
+        optics: args.optics,
+        noise: SurfaceNoise::matte(),
+        base_from_camera: args.base_from_camera,
+        tool_from_blade: args.tool_from_blade,
+        seed: args.seed,
+        speed: args.speed,
+        pose_error: PoseErrorSize {
+            robot_mm: args.pose_error_mm,
+            robot_deg: args.pose_error_deg,
+            calibration_mm: args.calibration_error_mm,
+            calibration_deg: args.calibration_error_deg,
+        },
+        faults: args.faults.clone(),
+        boot_id: since_1970.as_nanos() as u64,
+        ..defaults
+    };
+    if devices == Devices::Camera {
+        scene.home = pose_in_view(&scene, mesh);
+    }
+    scene
+}
+
+/// Where the tool must be so that the blade stands upright in the middle of the view at the nominal distance.
+fn pose_in_view(scene: &Scene, mesh: &Mesh) -> Pose {
+    let middle_mm = mesh
+        .extents_mm()
+        .map_or_else(Default::default, |(low, high)| nalgebra::center(&low, &high));
+    let blade_from_middle = Translation3::from(middle_mm.coords);
+    let camera_from_middle = isometry_from_mm_deg([0.0, 0.0, scene.optics.nominal_mm], [90.0, 0.0, 0.0]);
+    let base_from_blade = scene.base_from_camera * camera_from_middle * blade_from_middle.inverse();
+    Pose::from_isometry(&(base_from_blade * scene.tool_from_blade.inverse()))
+}
+
+fn parse_optics(name: &str) -> Result<Optics, String> {
+    Optics::from_name(name).ok_or_else(|| format!("there are: {}", Optics::NAMES.join(", ")))
+}
+
+fn parse_pose(text: &str) -> Result<Isometry3<f64>, String> {
+    let numbers: Vec<f64> = text
+        .split(',')
+        .map(|number| number.trim().parse().ok().filter(|number: &f64| number.is_finite()))
+        .collect::<Option<_>>()
+        .ok_or("six numbers with commas between them: x,y,z in mm, rx,ry,rz in degrees")?;
+    match numbers[..] {
+        [x, y, z, rx, ry, rz] => Ok(isometry_from_mm_deg([x, y, z], [rx, ry, rz])),
+        _ => Err(format!("six numbers, not {}", numbers.len())),
+    }
+}
+
+fn parse_speed(text: &str) -> Result<f64, String> {
+    parse_range(text, SPEED_RANGE)
+}
+
+fn parse_size(text: &str) -> Result<f64, String> {
+    parse_range(text, SIZE_RANGE)
+}
+
+fn parse_range(text: &str, [low, high]: [f64; 2]) -> Result<f64, String> {
+    let number = text.parse::<f64>().ok().filter(|number| (low..=high).contains(number));
+    number.ok_or_else(|| format!("a number from {low} to {high}"))
+}
+
+const BUILTIN: &str = "builtin:";
+const SPEED_RANGE: [f64; 2] = [0.01, 1000.0];
+/// Of an error, in mm or degrees.
+const SIZE_RANGE: [f64; 2] = [0.0, 10.0];

@@ -1,0 +1,316 @@
+//! Faults to inject: what goes wrong, and at which view or move.
+
+use std::fmt;
+use std::str::FromStr;
+
+use thiserror::Error;
+
+/// One thing that goes wrong in the simulated cell. Each of those with a view happens once.
+///
+/// The view of a camera fault is the upper half of the trigger id, and only attempt 0 meets it. The view of a robot fault
+/// counts accepted moves from 0.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Fault {
+    /// The camera's connection closes in the middle of a frame.
+    CameraGone {
+        /// View whose frame breaks off.
+        view: u32,
+    },
+    /// A retryable ERROR comes instead of a frame.
+    CameraError {
+        /// A3DP error code.
+        code: u16,
+        /// View that gets no frame.
+        view: u32,
+    },
+    /// A component arrives with another CRC than FRAME_END states.
+    CorruptChunk {
+        /// View whose data is damaged.
+        view: u32,
+    },
+    /// A frame without a single valid point.
+    EmptyFrame {
+        /// View that sees nothing.
+        view: u32,
+    },
+    /// The camera falls silent in the middle of a frame; its connection stays open.
+    CameraSilent {
+        /// View whose frame stops.
+        view: u32,
+    },
+    /// A frame comes late.
+    LateFrame {
+        /// Delay in real seconds, whatever the speed of the simulation.
+        delay_s: f64,
+        /// View whose frame is late.
+        view: u32,
+    },
+    /// CONFIGURED echoes another exposure than was asked for.
+    ConfigEcho,
+    /// Another controller has the camera.
+    ControllerBusy,
+    /// An alarm in the middle of a move.
+    RobotAlarm {
+        /// Alarm code of the controller.
+        code: u32,
+        /// Accepted move, counted from 0.
+        view: u32,
+    },
+    /// The emergency stop is pressed in the middle of a move, and stays pressed.
+    Estop {
+        /// Accepted move, counted from 0.
+        view: u32,
+    },
+    /// The robot controller answers nothing any more, from the answer to this move on.
+    RobotSilent {
+        /// Accepted move, counted from 0.
+        view: u32,
+    },
+    /// A share of the robot's answers gets lost.
+    AnswerLost {
+        /// Share of the answers, 0 to 1.
+        fraction: f64,
+    },
+    /// Command remote is not set.
+    RemoteOff,
+    /// The servo power cannot be switched on.
+    ServoRefused,
+    /// The robot stops away from where it was sent, and says so.
+    Elsewhere {
+        /// Distance along the base's z, mm.
+        distance_mm: f64,
+        /// Accepted move, counted from 0.
+        view: u32,
+    },
+}
+
+/// Spelling and meaning of every fault, for people.
+pub const CATALOGUE: [(&str, &str); 15] = [
+    (
+        "camera-gone@VIEW",
+        "the camera's connection closes in the middle of the frame",
+    ),
+    (
+        "camera-error=CODE@VIEW",
+        "a retryable ERROR of this code comes instead of the frame",
+    ),
+    (
+        "corrupt-chunk@VIEW",
+        "a byte of the frame is damaged, and its component's CRC no longer agrees",
+    ),
+    ("empty-frame@VIEW", "the frame has no valid point"),
+    (
+        "camera-silent@VIEW",
+        "the camera sends nothing any more from the middle of the frame on, without closing",
+    ),
+    (
+        "late-frame=SECONDS@VIEW",
+        "the frame comes this much later (real seconds)",
+    ),
+    ("config-echo", "CONFIGURED echoes another exposure than was asked for"),
+    ("controller-busy", "another controller has the camera: HELLO is refused"),
+    (
+        "robot-alarm=CODE@MOVE",
+        "an alarm in the middle of an accepted move, counted from 0",
+    ),
+    (
+        "estop@MOVE",
+        "the emergency stop is pressed in the middle of an accepted move, and stays pressed",
+    ),
+    (
+        "robot-silent@MOVE",
+        "the robot controller stops answering at this accepted move",
+    ),
+    (
+        "answer-lost=FRACTION",
+        "this share of the robot's answers is lost (0 to 1, seeded)",
+    ),
+    ("remote-off", "command remote is not set: the robot refuses every act"),
+    ("servo-refused", "the servo power cannot be switched on"),
+    ("elsewhere=MM@MOVE", "the robot stops this far above where it was sent"),
+];
+
+/// Why a fault's text is not a fault.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum FaultError {
+    /// No fault has this name.
+    #[error("no fault is called {kind:?}; there are:{}", Spellings)]
+    UnknownKind {
+        /// Name as written.
+        kind: String,
+    },
+    /// The fault needs a value, a view, or has one too many; or it is out of range.
+    #[error("{written:?} is not of the form {expected}")]
+    Form {
+        /// Text as written.
+        written: String,
+        /// Spelling of this kind.
+        expected: &'static str,
+    },
+}
+
+impl Fault {
+    /// View whose acquisition meets this fault; none for a fault of the robot or of a whole run.
+    pub fn camera_view(&self) -> Option<u32> {
+        match *self {
+            Self::CameraGone { view }
+            | Self::CameraError { view, .. }
+            | Self::CorruptChunk { view }
+            | Self::EmptyFrame { view }
+            | Self::CameraSilent { view }
+            | Self::LateFrame { view, .. } => Some(view),
+            _ => None,
+        }
+    }
+}
+
+impl FromStr for Fault {
+    type Err = FaultError;
+
+    fn from_str(written: &str) -> Result<Self, FaultError> {
+        let (head, view) = match written.split_once('@') {
+            Some((head, view)) => (head, Some(view)),
+            None => (written, None),
+        };
+        let (kind, value) = match head.split_once('=') {
+            Some((kind, value)) => (kind, Some(value)),
+            None => (head, None),
+        };
+        let expected = CATALOGUE
+            .iter()
+            .map(|(spelling, _)| *spelling)
+            .find(|spelling| spelling.split(['=', '@']).next() == Some(kind))
+            .ok_or_else(|| FaultError::UnknownKind { kind: kind.to_owned() })?;
+        let well_formed = value.is_some() == expected.contains('=') && view.is_some() == expected.contains('@');
+        let form = || FaultError::Form {
+            written: written.to_owned(),
+            expected,
+        };
+        if !well_formed {
+            return Err(form());
+        }
+        parse_kind(kind, value.unwrap_or_default(), view).ok_or_else(form)
+    }
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::CameraGone { view } => write!(f, "camera-gone@{view}"),
+            Self::CameraError { code, view } => write!(f, "camera-error={code}@{view}"),
+            Self::CorruptChunk { view } => write!(f, "corrupt-chunk@{view}"),
+            Self::EmptyFrame { view } => write!(f, "empty-frame@{view}"),
+            Self::CameraSilent { view } => write!(f, "camera-silent@{view}"),
+            Self::LateFrame { delay_s, view } => write!(f, "late-frame={delay_s}@{view}"),
+            Self::ConfigEcho => write!(f, "config-echo"),
+            Self::ControllerBusy => write!(f, "controller-busy"),
+            Self::RobotAlarm { code, view } => write!(f, "robot-alarm={code}@{view}"),
+            Self::Estop { view } => write!(f, "estop@{view}"),
+            Self::RobotSilent { view } => write!(f, "robot-silent@{view}"),
+            Self::AnswerLost { fraction } => write!(f, "answer-lost={fraction}"),
+            Self::RemoteOff => write!(f, "remote-off"),
+            Self::ServoRefused => write!(f, "servo-refused"),
+            Self::Elsewhere { distance_mm, view } => write!(f, "elsewhere={distance_mm}@{view}"),
+        }
+    }
+}
+
+/// The fault, or none where value or view is no number or out of range.
+fn parse_kind(kind: &str, value: &str, view: Option<&str>) -> Option<Fault> {
+    let view = match view {
+        Some(view) => view.parse::<u32>().ok()?,
+        None => 0,
+    };
+    let number = || value.parse::<f64>().ok().filter(|number| number.is_finite());
+    Some(match kind {
+        "camera-gone" => Fault::CameraGone { view },
+        "camera-error" => Fault::CameraError {
+            code: value.parse().ok()?,
+            view,
+        },
+        "corrupt-chunk" => Fault::CorruptChunk { view },
+        "empty-frame" => Fault::EmptyFrame { view },
+        "camera-silent" => Fault::CameraSilent { view },
+        "late-frame" => Fault::LateFrame {
+            delay_s: number().filter(|delay| (0.0..=DELAY_MAX_S).contains(delay))?,
+            view,
+        },
+        "config-echo" => Fault::ConfigEcho,
+        "controller-busy" => Fault::ControllerBusy,
+        "robot-alarm" => Fault::RobotAlarm {
+            code: value.parse().ok().filter(|code| *code > 0)?,
+            view,
+        },
+        "estop" => Fault::Estop { view },
+        "robot-silent" => Fault::RobotSilent { view },
+        "answer-lost" => Fault::AnswerLost {
+            fraction: number().filter(|fraction| (0.0..=1.0).contains(fraction))?,
+        },
+        "remote-off" => Fault::RemoteOff,
+        "servo-refused" => Fault::ServoRefused,
+        "elsewhere" => Fault::Elsewhere {
+            distance_mm: number().filter(|mm| mm.abs() <= ELSEWHERE_MAX_MM)?,
+            view,
+        },
+        _ => return None,
+    })
+}
+
+/// Writes the catalogue's spellings, one a line.
+struct Spellings;
+
+impl fmt::Display for Spellings {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        CATALOGUE
+            .iter()
+            .try_for_each(|(spelling, meaning)| write!(f, "\n  {spelling:24} {meaning}"))
+    }
+}
+
+const DELAY_MAX_S: f64 = 3600.0;
+const ELSEWHERE_MAX_MM: f64 = 1000.0;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_fault_of_the_catalogue_is_read_and_written_back() {
+        for (spelling, _) in CATALOGUE {
+            let written = spelling
+                .replace("@VIEW", "@3")
+                .replace("@MOVE", "@3")
+                .replace("CODE", "402")
+                .replace("SECONDS", "1.5")
+                .replace("FRACTION", "0.25")
+                .replace("MM", "2.5");
+            let fault: Fault = written.parse().unwrap();
+            assert_eq!(fault.to_string(), written);
+        }
+    }
+
+    #[test]
+    fn an_unknown_fault_is_answered_with_the_list_of_all() {
+        let error = "camera-on-fire@3".parse::<Fault>().unwrap_err().to_string();
+        for (spelling, _) in CATALOGUE {
+            assert!(error.contains(spelling), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_missing_view_or_a_value_out_of_range_is_refused() {
+        for written in [
+            "camera-gone",
+            "remote-off@3",
+            "answer-lost=1.5",
+            "late-frame=x@2",
+            "robot-alarm@2",
+            "estop=1@2",
+        ] {
+            assert!(
+                matches!(written.parse::<Fault>(), Err(FaultError::Form { .. })),
+                "{written}"
+            );
+        }
+    }
+}

@@ -1,0 +1,6 @@
+//! The simulated robot controller: a DX200 that speaks HSES.
+
+pub mod controller;
+pub mod hses;
+pub mod motion;
+pub mod pose;

@@ -1,0 +1,338 @@
+//! Sockets, the clock and the threads around a [`Cell`]: the one place of the simulator that does I/O while it runs.
+
+use std::collections::BTreeMap;
+use std::future::Future;
+use std::io::{self, Write};
+use std::net::{Ipv4Addr, SocketAddr};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use thiserror::Error;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::tcp::{OwnedReadHalf, OwnedWriteHalf};
+use tokio::net::{TcpListener, TcpStream, UdpSocket};
+use tokio::sync::{mpsc, watch};
+use tokio::task::JoinHandle;
+
+use crate::camera::render::Renderer;
+use crate::cell::{Cell, Input, Output, RenderJob};
+use crate::truth::Truth;
+
+/// Sockets of a cell on the loopback interface; a device that is not wanted has none.
+#[derive(Debug)]
+pub struct Sockets {
+    robot: Option<UdpSocket>,
+    camera: Option<TcpListener>,
+}
+
+/// Why a cell cannot serve.
+#[derive(Debug, Error)]
+pub enum ShellError {
+    /// The port is taken, or may not be opened.
+    #[error("cannot listen on 127.0.0.1:{port} ({transport}): {source}")]
+    Listen {
+        /// UDP or TCP.
+        transport: &'static str,
+        /// Port asked for.
+        port: u16,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// A socket failed while serving.
+    #[error("the {device} socket failed: {source}")]
+    Socket {
+        /// Robot or camera.
+        device: &'static str,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// The truth cannot be written.
+    #[error("cannot write {path}: {source}")]
+    Truth {
+        /// File.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
+}
+
+impl Sockets {
+    /// Opens the ports; 0 is any free one.
+    pub async fn open(robot_port: Option<u16>, camera_port: Option<u16>) -> Result<Self, ShellError> {
+        let listen = |transport, port| {
+            move |source| ShellError::Listen {
+                transport,
+                port,
+                source,
+            }
+        };
+        let robot = match robot_port {
+            Some(port) => Some(
+                UdpSocket::bind((Ipv4Addr::LOCALHOST, port))
+                    .await
+                    .map_err(listen("UDP", port))?,
+            ),
+            None => None,
+        };
+        let camera = match camera_port {
+            Some(port) => Some(
+                TcpListener::bind((Ipv4Addr::LOCALHOST, port))
+                    .await
+                    .map_err(listen("TCP", port))?,
+            ),
+            None => None,
+        };
+        Ok(Self { robot, camera })
+    }
+
+    /// Where the robot listens.
+    pub fn robot_address(&self) -> Option<SocketAddr> {
+        self.robot.as_ref().and_then(|socket| socket.local_addr().ok())
+    }
+
+    /// Where the camera listens.
+    pub fn camera_address(&self) -> Option<SocketAddr> {
+        self.camera.as_ref().and_then(|socket| socket.local_addr().ok())
+    }
+}
+
+/// Serves until `stop` ends. The truth is written at the start, after each acquisition and at the end.
+pub async fn serve(
+    cell: Cell,
+    renderer: Arc<Renderer>,
+    sockets: Sockets,
+    truth_path: Option<PathBuf>,
+    stop: impl Future<Output = ()>,
+) -> Result<(), ShellError> {
+    let (input_sender, mut inputs) = mpsc::channel(INPUT_COUNT_MAX);
+    let (truth_sender, truths) = watch::channel(cell.truth().clone());
+    let truth_writer = truth_path.map(|path| tokio::spawn(write_truths(path, truths)));
+    let mut shell = Shell {
+        cell,
+        renderer,
+        start: Instant::now(),
+        writers: BTreeMap::new(),
+        input_sender,
+        truth_sender,
+        connection_count: 0,
+    };
+    let served = shell.run(&sockets, &mut inputs, stop).await;
+    let written = shell.finish(truth_writer).await;
+    served.and(written)
+}
+
+struct Shell {
+    cell: Cell,
+    renderer: Arc<Renderer>,
+    start: Instant,
+    /// Bytes on their way to each client of the camera. The cell never has more than one frame under way.
+    writers: BTreeMap<u64, Connection>,
+    input_sender: mpsc::Sender<Input>,
+    truth_sender: watch::Sender<Truth>,
+    connection_count: u64,
+}
+
+struct Connection {
+    bytes: mpsc::UnboundedSender<Vec<u8>>,
+    reader: JoinHandle<()>,
+    writer: JoinHandle<()>,
+}
+
+impl Shell {
+    async fn run(
+        &mut self,
+        sockets: &Sockets,
+        inputs: &mut mpsc::Receiver<Input>,
+        stop: impl Future<Output = ()>,
+    ) -> Result<(), ShellError> {
+        let mut stop = std::pin::pin!(stop);
+        let mut datagram = vec![0; DATAGRAM_BYTES_MAX];
+        loop {
+            let wake_at = self
+                .cell
+                .wake_at()
+                .map(|wake_ns| self.start + Duration::from_nanos(wake_ns));
+            let input = tokio::select! {
+                () = &mut stop => return Ok(()),
+                received = receive(sockets.robot.as_ref(), &mut datagram) => {
+                    let (byte_count, from) = received.map_err(socket_error("robot"))?;
+                    Input::RobotDatagram { from, bytes: datagram[..byte_count].to_vec() }
+                }
+                accepted = accept(sockets.camera.as_ref()) => self.connect(accepted.map_err(socket_error("camera"))?),
+                Some(input) = inputs.recv() => input,
+                () = sleep_until(wake_at) => Input::Wake,
+            };
+            self.cell.handle_input(self.now_ns(), input);
+            self.put_out(sockets).await;
+        }
+    }
+
+    async fn put_out(&mut self, sockets: &Sockets) {
+        while let Some(output) = self.cell.poll_output() {
+            match output {
+                Output::RobotDatagram { to, bytes } => {
+                    if let Some(socket) = &sockets.robot
+                        && let Err(error) = socket.send_to(&bytes, to).await
+                    {
+                        log(&format!("an answer to {to} is lost: {error}"));
+                    }
+                }
+                Output::CameraBytes { connection, bytes } => {
+                    if let Some(connection) = self.writers.get(&connection) {
+                        // A writer that has ended leaves a closed connection, which its reader reports.
+                        connection.bytes.send(bytes).ok();
+                    }
+                }
+                Output::CameraClose { connection } => {
+                    if let Some(connection) = self.writers.remove(&connection) {
+                        connection.reader.abort();
+                    }
+                }
+                Output::Render(job) => self.render(job),
+                Output::Truth(truth) => {
+                    self.truth_sender.send_replace(truth);
+                }
+                Output::Violation(text) => log(&format!("SIMULATED cell: protocol violation: {text}")),
+            }
+        }
+    }
+
+    fn connect(&mut self, stream: TcpStream) -> Input {
+        self.connection_count += 1;
+        let connection = self.connection_count;
+        if let Err(error) = stream.set_nodelay(true) {
+            log(&format!("camera connection {connection}: no TCP_NODELAY: {error}"));
+        }
+        self.writers.retain(|_, connection| !connection.writer.is_finished());
+        let (reader, writer) = stream.into_split();
+        let (bytes, to_write) = mpsc::unbounded_channel();
+        let state = Connection {
+            bytes,
+            reader: tokio::spawn(read(connection, reader, self.input_sender.clone())),
+            writer: tokio::spawn(write(writer, to_write)),
+        };
+        self.writers.insert(connection, state);
+        Input::CameraConnected { connection }
+    }
+
+    fn render(&self, job: RenderJob) {
+        let (renderer, inputs) = (Arc::clone(&self.renderer), self.input_sender.clone());
+        tokio::task::spawn_blocking(move || {
+            let frame = job.run(&renderer);
+            // The shell may have ended meanwhile; nobody waits for the frame then.
+            inputs.blocking_send(Input::Rendered { job: job.job, frame }).ok();
+        });
+    }
+
+    /// Says good-bye to the clients, then waits for the last truth and the last bytes.
+    async fn finish(mut self, truth_writer: Option<JoinHandle<Result<(), ShellError>>>) -> Result<(), ShellError> {
+        self.cell.shut_down(self.now_ns());
+        while let Some(output) = self.cell.poll_output() {
+            if let Output::CameraBytes { connection, bytes } = output
+                && let Some(connection) = self.writers.get(&connection)
+            {
+                connection.bytes.send(bytes).ok();
+            }
+        }
+        let Self {
+            writers, truth_sender, ..
+        } = self;
+        drop(truth_sender);
+        let written = match truth_writer {
+            Some(writer) => writer.await.unwrap_or(Ok(())),
+            None => Ok(()),
+        };
+        for Connection { bytes, reader, writer } in writers.into_values() {
+            reader.abort();
+            drop(bytes);
+            tokio::time::timeout(WRITE_TIME_OUT, writer).await.ok();
+        }
+        written
+    }
+
+    fn now_ns(&self) -> u64 {
+        self.start.elapsed().as_nanos() as u64
+    }
+}
+
+async fn receive(socket: Option<&UdpSocket>, datagram: &mut [u8]) -> io::Result<(usize, SocketAddr)> {
+    match socket {
+        Some(socket) => socket.recv_from(datagram).await,
+        None => std::future::pending().await,
+    }
+}
+
+async fn accept(listener: Option<&TcpListener>) -> io::Result<TcpStream> {
+    match listener {
+        Some(listener) => listener.accept().await.map(|(stream, _)| stream),
+        None => std::future::pending().await,
+    }
+}
+
+async fn sleep_until(wake_at: Option<Instant>) {
+    match wake_at {
+        Some(wake_at) => tokio::time::sleep_until(wake_at.into()).await,
+        None => std::future::pending().await,
+    }
+}
+
+/// Reads a connection until it ends. The bounded channel holds the client back when the cell is busy.
+async fn read(connection: u64, mut stream: OwnedReadHalf, inputs: mpsc::Sender<Input>) {
+    let mut piece = vec![0; READ_BYTES];
+    loop {
+        let byte_count = stream.read(&mut piece).await.unwrap_or(0);
+        let input = match byte_count {
+            0 => Input::CameraClosed { connection },
+            _ => Input::CameraBytes {
+                connection,
+                bytes: piece[..byte_count].to_vec(),
+            },
+        };
+        if inputs.send(input).await.is_err() || byte_count == 0 {
+            return;
+        }
+    }
+}
+
+/// Writes a connection until its channel ends or the client takes nothing any more.
+async fn write(mut stream: OwnedWriteHalf, mut bytes: mpsc::UnboundedReceiver<Vec<u8>>) {
+    while let Some(bytes) = bytes.recv().await {
+        match tokio::time::timeout(WRITE_TIME_OUT, stream.write_all(&bytes)).await {
+            Ok(Ok(())) => (),
+            _ => return,
+        }
+    }
+    stream.shutdown().await.ok();
+}
+
+/// Writes the newest truth whenever it has changed, and the last one before it ends.
+async fn write_truths(path: PathBuf, mut truths: watch::Receiver<Truth>) -> Result<(), ShellError> {
+    truths.mark_changed();
+    while truths.changed().await.is_ok() {
+        let truth = truths.borrow_and_update().clone();
+        let target = path.clone();
+        let written = tokio::task::spawn_blocking(move || truth.write(&target))
+            .await
+            .unwrap_or(Ok(()));
+        if let Err(source) = written {
+            log(&format!("cannot write {}: {source}", path.display()));
+            return Err(ShellError::Truth { path, source });
+        }
+    }
+    Ok(())
+}
+
+fn socket_error(device: &'static str) -> impl Fn(io::Error) -> ShellError {
+    move |source| ShellError::Socket { device, source }
+}
+
+/// One line for people; a closed standard error loses it.
+fn log(line: &str) {
+    writeln!(io::stderr(), "{line}").ok();
+}
+
+const DATAGRAM_BYTES_MAX: usize = 2048;
+const INPUT_COUNT_MAX: usize = 64;
+const READ_BYTES: usize = 65_536;
+const WRITE_TIME_OUT: Duration = Duration::from_secs(5);
