@@ -59,7 +59,12 @@ pub(crate) fn run(arguments: &ModelArguments) -> Result<(), Box<dyn Error>> {
         let begun = Instant::now();
         let mut stages = Vec::new();
         let result = register_view(&view, &model, &start, &ViewSettings::default(), rng, &mut |stage| {
-            stages.push(format!("{} {} {:.0}ms", stage.name, stage.iterations, begun.elapsed().as_secs_f64() * 1e3));
+            stages.push(format!(
+                "{} {} {:.0}ms",
+                stage.name,
+                stage.iterations,
+                begun.elapsed().as_secs_f64() * 1e3
+            ));
         });
         let register_s = begun.elapsed().as_secs_f64();
         let begun = Instant::now();
