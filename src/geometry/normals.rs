@@ -185,6 +185,24 @@ pub fn with_estimated_normals(
     cloud.clone().with_normals(normals).unwrap_or_else(|| cloud.clone())
 }
 
+/// How rough a surface is: the median, over the points at `indices`, of the standard deviation of the
+/// `neighbour_count` nearest points from their own plane. Noise and curvature both count; 0 without points.
+pub fn roughness(points: &[Point3<f64>], tree: &NearestPoints, indices: &[usize], neighbour_count: usize) -> f64 {
+    let mut spreads: Vec<f64> = indices
+        .par_iter()
+        .with_min_len(64)
+        .map(|&index| {
+            let mut moments = Moments::default();
+            for found in tree.nearest_many(&points[index], neighbour_count.max(4)) {
+                moments.add(&(points[found.index] - points[index]));
+            }
+            moments.covariance().symmetric_eigenvalues().min().max(0.0).sqrt()
+        })
+        .collect();
+    spreads.sort_by(f64::total_cmp);
+    spreads.get(spreads.len() / 2).copied().unwrap_or(0.0)
+}
+
 /// First and second moments of offsets.
 #[derive(Default)]
 struct Moments {
@@ -216,9 +234,13 @@ impl Moments {
         if self.count < 3 {
             return None;
         }
-        let n = self.count as f64;
+        smallest_direction(&self.covariance())
+    }
+
+    fn covariance(&self) -> Matrix3<f64> {
+        let n = self.count.max(1) as f64;
         let m = self.sum / n;
-        smallest_direction(&Matrix3::new(
+        Matrix3::new(
             self.xx / n - m.x * m.x,
             self.xy / n - m.x * m.y,
             self.xz / n - m.x * m.z,
@@ -228,7 +250,7 @@ impl Moments {
             self.xz / n - m.x * m.z,
             self.yz / n - m.y * m.z,
             self.zz / n - m.z * m.z,
-        ))
+        )
     }
 }
 

@@ -150,6 +150,14 @@ impl Problem<'_> {
         })
     }
 
+    /// What the pairs at `pose` determine, without moving it.
+    pub(super) fn assess(&self, sample: &Sample, pose: &Isometry3<f64>, reach: f64) -> Option<Determination> {
+        let mut pairs = self.pairs(sample, pose, reach);
+        self.trim(&mut pairs);
+        let (sums, counted) = self.equations(sample, &pairs, pose)?;
+        Some(sums.determination(self.radius, counted))
+    }
+
     /// Puts the components of the motion from `start` along the `held` directions back to nothing.
     pub(super) fn without(
         &self,

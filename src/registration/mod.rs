@@ -12,6 +12,7 @@ pub mod icp;
 pub mod mpe;
 
 mod consistency;
+mod nfi;
 mod normal_matrix;
 mod reference;
 mod search;
@@ -40,11 +41,16 @@ pub struct Settings {
     pub search: Search,
     /// The coarse stage.
     pub mpe: MpeSettings,
-    /// The fine stage.
+    /// What ends the work.
+    pub fine: FineStage,
+    /// The levels of trimmed ICP, before the fine stage and in it.
     pub icp: IcpSettings,
     /// A template point overlaps if a reference point is at most this far away, in the clouds' unit. `None`: three times
     /// the reference's median spacing.
     pub overlap_distance: Option<f64>,
+    /// A residual of more than this many times the clouds' own roughness is not explained by noise and curvature: the
+    /// result is then `Ambiguous`.
+    pub residual_max_factor: f64,
     /// With a smaller share of overlapping template points the registration has failed, 0 to 1.
     pub overlap_min_fraction: f64,
     /// What happens to directions that the surfaces do not determine.
@@ -57,8 +63,10 @@ impl Default for Settings {
             sample_count: 500,
             search: Search::Near,
             mpe: MpeSettings::default(),
+            fine: FineStage::Automatic,
             icp: IcpSettings::default(),
             overlap_distance: None,
+            residual_max_factor: 2.5,
             overlap_min_fraction: 0.1,
             weak_directions: WeakDirections::Hold,
         }
@@ -80,6 +88,17 @@ pub enum Search {
     },
     /// MPE from the start and from 24 rotations spread over all of SO(3) with the centroids laid on each other.
     Everywhere,
+}
+
+/// What ends the work.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FineStage {
+    /// Trimmed ICP, unless the clouds' roughness is of the order of their spacing: then the NFI criterion.
+    Automatic,
+    /// Trimmed ICP, as in the paper.
+    TrimmedIcp,
+    /// The NFI criterion over all points (a few thousand of each cloud), for noisy clouds.
+    FullSampleNfi,
 }
 
 /// What is done about directions that the surfaces do not determine (a smooth airfoil along its span).
@@ -118,7 +137,8 @@ pub struct Registration {
 pub enum Status {
     /// One solution, determined in all six directions.
     Converged,
-    /// Two clearly different poses explain the clouds about equally well.
+    /// Two clearly different poses explain the clouds about equally well, or the best one leaves residuals that the
+    /// clouds' own roughness does not explain.
     Ambiguous,
     /// At least one direction is not determined by the surfaces.
     Weak,

@@ -13,7 +13,7 @@
 
 use nalgebra::{Isometry3, Point3, Vector3, Vector6};
 
-use super::field::Field;
+use super::field::{Field, Pull};
 use super::reference::rms_radius;
 use super::twist::moved;
 
@@ -110,18 +110,8 @@ pub fn descend(
         energy: 0.0,
         iterations: 0,
     };
-    let centre = mean(reference);
-    let radius = rms_radius(reference, &centre);
-    if template.is_empty() || radius <= 0.0 {
+    let Some(system) = System::new(template, reference) else {
         return descent;
-    }
-    let scaled = |point: &Point3<f64>| Point3::from((point - centre) / radius);
-    let field = Field::new(&reference.iter().map(scaled).collect::<Vec<_>>());
-    let system = System {
-        template,
-        centre,
-        radius,
-        field,
     };
     for (round, &softening) in settings.softening_factors.iter().enumerate() {
         let shrink = 0.25f64.powi(round as i32);
@@ -134,14 +124,79 @@ pub fn descend(
     descent
 }
 
-struct System<'a> {
+/// A template in the field of a reference. Inside, lengths are over the reference's radius and about its centroid.
+pub(super) struct System<'a> {
     template: &'a [Point3<f64>],
     centre: Point3<f64>,
     radius: f64,
     field: Field,
 }
 
-impl System<'_> {
+/// What acts on a template in one pose.
+pub(super) struct Loads {
+    /// The total force, times the squared radius.
+    pub(super) force: Vector3<f64>,
+    /// The total torque about `pivot`, times the radius.
+    pub(super) torque: Vector3<f64>,
+    /// The template's centroid, in the reference frame.
+    pub(super) pivot: Point3<f64>,
+    /// The NFI criterion, times the radius.
+    pub(super) energy: f64,
+}
+
+impl<'a> System<'a> {
+    /// `None` without a template or when the reference has no extent.
+    pub(super) fn new(template: &'a [Point3<f64>], reference: &[Point3<f64>]) -> Option<Self> {
+        let centre = mean(reference);
+        let radius = rms_radius(reference, &centre);
+        if template.is_empty() || radius <= 0.0 {
+            return None;
+        }
+        let scaled = |point: &Point3<f64>| Point3::from((point - centre) / radius);
+        Some(Self {
+            template,
+            centre,
+            radius,
+            field: Field::new(&reference.iter().map(scaled).collect::<Vec<_>>()),
+        })
+    }
+
+    /// The reference's root-mean-square radius.
+    pub(super) fn radius(&self) -> f64 {
+        self.radius
+    }
+
+    /// The template's root-mean-square radius over the reference's.
+    pub(super) fn gyration(&self) -> f64 {
+        (rms_radius(self.template, &mean(self.template)) / self.radius).max(f64::MIN_POSITIVE)
+    }
+
+    /// Total force, torque about the centroid and energy at `pose`; `softening` is ε² over the radius.
+    pub(super) fn loads(&self, pose: &Isometry3<f64>, softening: f64) -> Loads {
+        let placed: Vec<Point3<f64>> = self.template.iter().map(|point| pose * point).collect();
+        let pulls = self.pulls(&placed, softening);
+        let mut loads = Loads {
+            force: Vector3::zeros(),
+            torque: Vector3::zeros(),
+            pivot: mean(&placed),
+            energy: 0.0,
+        };
+        for (point, pull) in placed.iter().zip(&pulls) {
+            loads.energy += pull.energy;
+            loads.force += pull.force;
+            loads.torque += ((point - loads.pivot) / self.radius).cross(&pull.force);
+        }
+        loads
+    }
+
+    fn pulls(&self, placed: &[Point3<f64>], softening: f64) -> Vec<Pull> {
+        let scaled: Vec<Point3<f64>> = placed
+            .iter()
+            .map(|point| Point3::from((point - self.centre) / self.radius))
+            .collect();
+        self.field.pulls(&scaled, softening)
+    }
+
     fn round(&self, start: &Isometry3<f64>, softening: f64, shrink: f64, settings: &MpeSettings) -> Descent {
         let mut pose = *start;
         let mut best = Descent {
@@ -190,35 +245,36 @@ impl System<'_> {
 
     /// The directions in which the template is driven at `pose`.
     fn drive(&self, pose: &Isometry3<f64>, softening: f64, formulation: Formulation) -> Drive {
-        let placed: Vec<Point3<f64>> = self.template.iter().map(|point| pose * point).collect();
-        let scaled: Vec<Point3<f64>> = placed
-            .iter()
-            .map(|point| Point3::from((point - self.centre) / self.radius))
-            .collect();
-        let pulls = self.field.pulls(&scaled, softening);
-        let pivot = match formulation {
-            Formulation::RigidBody => mean(&placed),
-            Formulation::Literal => Point3::origin(),
+        let loads = match formulation {
+            Formulation::RigidBody => self.loads(pose, softening),
+            Formulation::Literal => self.literal_loads(pose, softening),
         };
-        let (mut force, mut torque, mut energy) = (Vector3::zeros(), Vector3::zeros(), 0.0);
-        for (point, pull) in placed.iter().zip(&pulls) {
-            energy += pull.energy;
-            let arm = (point - pivot) / self.radius;
-            match formulation {
-                Formulation::RigidBody => force += pull.force,
-                Formulation::Literal => {
-                    let outward = point.coords.try_normalize(0.0).unwrap_or_default();
-                    force += outward * pull.force.dot(&outward);
-                }
-            }
-            torque += arm.cross(&pull.force);
-        }
         Drive {
-            axis: torque.try_normalize(0.0).unwrap_or_default(),
-            direction: force.try_normalize(0.0).unwrap_or_default(),
-            pivot,
-            energy,
+            axis: loads.torque.try_normalize(0.0).unwrap_or_default(),
+            direction: loads.force.try_normalize(0.0).unwrap_or_default(),
+            pivot: loads.pivot,
+            energy: loads.energy,
         }
+    }
+
+    /// As printed: each force is split along its own point vector from the origin.
+    fn literal_loads(&self, pose: &Isometry3<f64>, softening: f64) -> Loads {
+        let placed: Vec<Point3<f64>> = self.template.iter().map(|point| pose * point).collect();
+        let pulls = self.pulls(&placed, softening);
+        let mut loads = Loads {
+            force: Vector3::zeros(),
+            torque: Vector3::zeros(),
+            pivot: Point3::origin(),
+            energy: 0.0,
+        };
+        for (point, pull) in placed.iter().zip(&pulls) {
+            let outward = point.coords.try_normalize(0.0).unwrap_or_default();
+            let axial = outward * pull.force.dot(&outward);
+            loads.energy += pull.energy;
+            loads.force += axial;
+            loads.torque += (point.coords / self.radius).cross(&(pull.force - axial));
+        }
+        loads
     }
 }
 

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use crate::geometry::PointCloud;
 use crate::geometry::nearest::{NearestPoints, Neighbour};
-use crate::geometry::normals::with_estimated_normals;
+use crate::geometry::normals::{roughness, with_estimated_normals};
 use crate::geometry::sampling::even_indices;
 
 /// A fixed cloud with normals, a search tree and its scale, ready to be registered to (the paper's Y).
@@ -16,6 +16,7 @@ pub struct Reference {
     spacing: f64,
     centroid: Point3<f64>,
     radius: f64,
+    roughness: f64,
 }
 
 /// Why clouds cannot be registered.
@@ -63,6 +64,7 @@ impl Reference {
         }
         let tree = NearestPoints::new(cloud.points());
         let spacing = median_spacing(cloud.points(), &tree, radius);
+        let roughness = roughness_of(cloud.points(), &tree);
         let oriented = cloud.normals().is_some();
         let cloud = if oriented {
             cloud.clone()
@@ -76,6 +78,7 @@ impl Reference {
             spacing,
             centroid,
             radius,
+            roughness,
         })
     }
 
@@ -114,6 +117,12 @@ impl Reference {
         self.radius
     }
 
+    /// How far the points scatter about their local planes (median standard deviation), in the cloud's unit: the noise,
+    /// or the curvature where that is larger.
+    pub fn roughness(&self) -> f64 {
+        self.roughness
+    }
+
     /// The overlap distance used when none is given: three times the spacing.
     pub fn default_overlap_distance(&self) -> f64 {
         3.0 * self.spacing
@@ -141,6 +150,12 @@ pub(super) fn rms_radius(points: &[Point3<f64>], centre: &Point3<f64>) -> f64 {
     (sum / points.len().max(1) as f64).sqrt()
 }
 
+/// The roughness of a cloud, from a few hundred points spread over it.
+pub(super) fn roughness_of(points: &[Point3<f64>], tree: &NearestPoints) -> f64 {
+    let indices = even_indices(points.len(), ROUGHNESS_SAMPLE_COUNT);
+    roughness(points, tree, &indices, NORMAL_NEIGHBOUR_COUNT)
+}
+
 /// The median distance to the nearest other place, over at most a thousand points spread over the list.
 fn median_spacing(points: &[Point3<f64>], tree: &NearestPoints, radius: f64) -> f64 {
     let mut distances: Vec<f64> = even_indices(points.len(), SPACING_SAMPLE_COUNT)
@@ -160,6 +175,7 @@ fn median_spacing(points: &[Point3<f64>], tree: &NearestPoints, radius: f64) -> 
 }
 
 const SPACING_SAMPLE_COUNT: usize = 1000;
+const ROUGHNESS_SAMPLE_COUNT: usize = 500;
 /// Neighbours in a plane fit of an unorganised cloud.
 const NORMAL_NEIGHBOUR_COUNT: usize = 20;
 

@@ -6,10 +6,9 @@ use rand_chacha::ChaCha8Rng;
 use super::consistency::{residuals, score};
 use super::icp::{Problem, Refined, Sample, finish};
 use super::mpe::descend;
-use super::reference::rms_radius;
-use super::{
-    IcpLevel, Overlap, POINT_MIN_COUNT, Reference, Registration, Search, Settings, Stage, Status, WeakDirections,
-};
+use super::nfi::minimum;
+use super::reference::{rms_radius, roughness_of};
+use super::{FineStage, Overlap, POINT_MIN_COUNT, Reference, Registration, Search, Settings, Stage, Status};
 use crate::geometry::PointCloud;
 use crate::geometry::nearest::NearestPoints;
 use crate::geometry::normals::with_estimated_normals;
@@ -38,8 +37,11 @@ pub(super) fn run(
         on_stage,
     };
     let given_normals = template.normals().is_some();
+    let tree = NearestPoints::new(template.points());
+    let roughness = reference.roughness().hypot(roughness_of(template.points(), &tree));
     let work = Work {
-        template: with_normals(template),
+        template: with_normals(template, &tree),
+        roughness,
         reference,
         problem: Problem {
             reference,
@@ -66,8 +68,8 @@ pub(super) fn run(
         .collect();
     let mut coarse_iterations = 0;
     let mut refined: Vec<Candidate> = Vec::new();
-    for pose in candidates {
-        let mut pose = pose;
+    for &candidate in &candidates {
+        let mut pose = candidate;
         for (index, (level, sample)) in coarse_levels.iter().zip(&samples).enumerate() {
             let end_reach = settings.icp.levels[index + 1].reach_factor * radius;
             if let Some(found) = work.problem.refine(sample, &pose, level, end_reach, &[]) {
@@ -86,16 +88,33 @@ pub(super) fn run(
 
     let fine_sample = work.sample(last_level.sample_count, &mut rng);
     let start_score = score(&judge, reference, start, judge_reach, work.problem.oriented);
-    let fine = work.fine(&fine_sample, &refined[chosen].pose, start, last_level);
+    let noisy = work.is_noisy();
+    let fine = if noisy {
+        candidates.extend(refined.iter().map(|candidate| candidate.pose));
+        work.fine_of_noisy(&fine_sample, &candidates, &mut rng)
+    } else {
+        let pose = &refined[chosen].pose;
+        finish(
+            &work.problem,
+            &fine_sample,
+            pose,
+            start,
+            last_level,
+            settings.weak_directions,
+        )
+    };
+    // The score needs surfaces; among noise the energy has chosen.
+    let no_worse =
+        |pose| noisy || score(&judge, reference, pose, judge_reach, work.problem.oriented) >= start_score - WORSE;
     let mut outcome = match fine {
-        Some(fine)
-            if score(&judge, reference, &fine.pose, judge_reach, work.problem.oriented) >= start_score - WORSE =>
-        {
+        Some(fine) if no_worse(&fine.pose) => {
             let (overlap, rmse) = residuals(template, reference, &fine.pose, overlap_distance);
             stages.end("fine", fine.iterations);
             let status = if overlap.fraction < settings.overlap_min_fraction {
                 Status::Failed
-            } else if work.is_ambiguous(&rivals, &fine) {
+            } else if rmse > settings.residual_max_factor * work.roughness
+                || (!noisy && work.is_ambiguous(&rivals, &fine))
+            {
                 Status::Ambiguous
             } else if fine.determination.weak.is_empty() {
                 Status::Converged
@@ -155,6 +174,8 @@ struct Work<'a> {
     reference: &'a Reference,
     problem: Problem<'a>,
     settings: &'a Settings,
+    /// Of both clouds together, in their unit.
+    roughness: f64,
 }
 
 impl Work<'_> {
@@ -261,24 +282,38 @@ impl Work<'_> {
         })
     }
 
-    fn fine(
+    /// Whether the fine stage is full-sample NFI.
+    fn is_noisy(&self) -> bool {
+        match self.settings.fine {
+            FineStage::Automatic => self.roughness > NOISY_SPACINGS * self.reference.spacing(),
+            FineStage::TrimmedIcp => false,
+            FineStage::FullSampleNfi => true,
+        }
+    }
+
+    fn fine_of_noisy(
         &self,
-        sample: &Sample,
-        pose: &Isometry3<f64>,
-        prior: &Isometry3<f64>,
-        level: &IcpLevel,
+        fine_sample: &Sample,
+        candidates: &[Isometry3<f64>],
+        rng: &mut ChaCha8Rng,
     ) -> Option<Refined> {
-        let weak: WeakDirections = self.settings.weak_directions;
-        finish(&self.problem, sample, pose, prior, level, weak)
+        let sample = self.sample(NFI_COUNT, rng).points;
+        let reference = self.reference_sample(NFI_COUNT, rng);
+        let found = minimum(&sample, &reference, candidates, self.roughness)?;
+        let reach = (3.0 * self.roughness).max(self.reference.default_overlap_distance());
+        Some(Refined {
+            pose: found.pose,
+            iterations: found.iterations,
+            determination: self.problem.assess(fine_sample, &found.pose, reach)?,
+        })
     }
 }
 
-fn with_normals(cloud: &PointCloud) -> PointCloud {
+fn with_normals(cloud: &PointCloud, tree: &NearestPoints) -> PointCloud {
     if cloud.normals().is_some() {
         return cloud.clone();
     }
-    let tree = NearestPoints::new(cloud.points());
-    with_estimated_normals(cloud, &tree, NORMAL_NEIGHBOUR_COUNT, None)
+    with_estimated_normals(cloud, tree, NORMAL_NEIGHBOUR_COUNT, None)
 }
 
 /// The candidate with the best score; an earlier one unless a later one is clearly better, so the start has precedence.
@@ -343,6 +378,10 @@ const GLOBAL_KEPT_COUNT: usize = 6;
 const NEAR_TEMPLATE_COUNT: usize = 2000;
 const NEAR_REFERENCE_FACTOR: usize = 8;
 const NORMAL_NEIGHBOUR_COUNT: usize = 20;
+/// Roughness over spacing from which on points have no partners.
+const NOISY_SPACINGS: f64 = 0.7;
+/// How many points of each cloud take part in full-sample NFI.
+const NFI_COUNT: usize = 4000;
 
 #[cfg(test)]
 mod tests {

@@ -1,6 +1,9 @@
 //! Shapes for the tests of registration and reconstruction.
 
 use nalgebra::{Point3, Vector3};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
 
 use crate::geometry::PointCloud;
 
@@ -41,4 +44,19 @@ pub(crate) fn extruded(count: usize, phase: f64) -> PointCloud {
     }
     let cloud = PointCloud::from_measured(points).cloud;
     cloud.with_normals(normals).unwrap()
+}
+
+/// The cloud with independent Gaussian noise of standard deviation `sigma` on every coordinate, without normals.
+pub(crate) fn noisy(cloud: &PointCloud, sigma: f64, seed: u64) -> PointCloud {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut normal = || {
+        let (u, v): (f64, f64) = (rng.random::<f64>().max(1e-300), rng.random());
+        sigma * (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
+    };
+    let points: Vec<_> = cloud
+        .points()
+        .iter()
+        .map(|point| point + Vector3::new(normal(), normal(), normal()))
+        .collect();
+    PointCloud::from_measured(points).cloud
 }
