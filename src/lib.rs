@@ -3,6 +3,7 @@
 //! See `ARCHITECTURE.md` for the floors, the flow of one view and the invariants.
 
 pub mod camera;
+pub mod cli;
 pub mod controller;
 pub mod event;
 pub mod fault;
@@ -13,6 +14,7 @@ pub mod plan;
 pub mod reconstruction;
 pub mod registration;
 pub mod robot;
+pub mod run;
 pub mod seed;
 pub mod session;
 pub mod settings;

@@ -125,7 +125,7 @@ impl Session {
             camera: camera::Exchange::new(camera_times(station), camera_settings(recipe)),
             plan: plan.to_vec(),
             wanted: Wanted {
-                simulated: matches!(station.target, StationTarget::Simulated),
+                simulated: !matches!(station.target, StationTarget::Cell { .. }),
                 optics: recipe.camera.optics.name(),
                 stand_off_mm: recipe.camera_from_fixture.translation.z,
                 points_min: recipe.camera.points_min,

@@ -34,6 +34,13 @@ pub struct Station {
 pub enum Target {
     /// A simulated cell that the caller starts; it says on which ports it listens.
     Simulated,
+    /// A simulated cell that runs already.
+    SimulatedAt {
+        /// The robot's port.
+        robot: HostPort,
+        /// The camera's port.
+        camera: HostPort,
+    },
     /// Real devices.
     Cell {
         /// The robot's High-Speed Ethernet Server.
@@ -179,26 +186,16 @@ fn target(source: &Source, written: &StationFile) -> Result<Target, SettingsErro
         ("robot.address", &written.robot.address, "192.168.1.31:10040"),
         ("camera.address", &written.camera.address, "127.0.0.1:50555"),
     ];
-    match written.kind {
-        KindFile::Simulated => match addresses
-            .iter()
-            .find_map(|(path, address, _)| Some((path, address.as_ref()?)))
-        {
-            None => Ok(Target::Simulated),
-            Some((path, address)) => {
-                let message = format!("`{path}` has no meaning for a simulated station");
-                let help = "the simulated cell chooses its ports; remove the key, or set `kind = \"cell\"`";
-                Err(source.error(address.span(), message, Some(help.to_owned())))
-            }
-        },
-        KindFile::Cell => {
-            let [robot, camera] = addresses.map(|(path, address, example)| host_port(source, path, address, example));
-            Ok(Target::Cell {
-                robot: robot?,
-                camera: camera?,
-            })
-        }
+    // A simulated cell that the caller starts chooses its ports itself; one that runs elsewhere has addresses.
+    if matches!(written.kind, KindFile::Simulated) && addresses.iter().all(|(_, address, _)| address.is_none()) {
+        return Ok(Target::Simulated);
     }
+    let [robot, camera] = addresses.map(|(path, address, example)| host_port(source, path, address, example));
+    let (robot, camera) = (robot?, camera?);
+    Ok(match written.kind {
+        KindFile::Simulated => Target::SimulatedAt { robot, camera },
+        KindFile::Cell => Target::Cell { robot, camera },
+    })
 }
 
 fn host_port(
@@ -209,7 +206,9 @@ fn host_port(
 ) -> Result<HostPort, SettingsError> {
     let help = Some(format!("HOST:PORT with a port from 1 to 65535, as in \"{example}\""));
     let Some(written) = written else {
-        let message = format!("`{path}` is missing: a station of kind \"cell\" needs it");
+        let message = format!(
+            "`{path}` is missing: a station needs both addresses, unless it is the simulated one that a dry run starts"
+        );
         return Err(source.error_at_key(path, message, help));
     };
     HostPort::parse(written.get_ref()).ok_or_else(|| {
