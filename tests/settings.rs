@@ -450,19 +450,13 @@ fn columns_count_characters_and_not_bytes() {
 }
 
 #[test]
-fn a_cell_without_an_address_and_a_simulated_station_with_one_are_refused() {
+fn a_station_with_one_address_only_is_refused() {
     let error = station_error("address = \"192.168.1.31:10040\"\n", "");
     assert_eq!(
         error.message(),
-        "`robot.address` is missing: a station of kind \"cell\" needs it"
+        "`robot.address` is missing: a station needs both addresses, unless it is the simulated one that a dry run starts"
     );
     assert_eq!((error.line(), error.column()), (4, 2));
-    let error = station_error("\"cell\"", "\"simulated\"");
-    assert_eq!(
-        error.message(),
-        "`robot.address` has no meaning for a simulated station"
-    );
-    assert_eq!((error.line(), error.column()), (5, 11));
 }
 
 #[test]

@@ -206,7 +206,7 @@ pub const STATION_KEYS: &[Key] = &[
     optional(
         "robot.address",
         ADDRESS,
-        "required for a cell, refused for a simulated station",
+        "required, except for the simulated station that a dry run starts (then leave out both)",
     ),
     default("robot.tool", integer(0.0, 63.0, ""), "0"),
     default("robot.speed_mm_s", number(0.1, 1500.0, "mm/s"), "50.0"),
@@ -227,7 +227,7 @@ pub const STATION_KEYS: &[Key] = &[
     optional(
         "camera.address",
         ADDRESS,
-        "required for a cell, refused for a simulated station",
+        "required, except for the simulated station that a dry run starts (then leave out both)",
     ),
     default("camera.connect_timeout_ms", integer(1.0, 60_000.0, "ms"), "3000"),
     default("camera.reply_timeout_ms", integer(1.0, 60_000.0, "ms"), "5000"),
