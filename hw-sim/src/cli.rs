@@ -313,13 +313,13 @@ fn scene(args: &ServeArgs, devices: Devices, mesh: &Mesh) -> Scene {
     scene
 }
 
-/// Where the tool must be so that the blade stands upright in the middle of the view at the nominal distance.
+/// Where the tool must be so that the blade lies along the wide side of the view, its middle at the nominal distance.
 fn pose_in_view(scene: &Scene, mesh: &Mesh) -> Pose {
     let middle_mm = mesh
         .extents_mm()
         .map_or_else(Default::default, |(low, high)| nalgebra::center(&low, &high));
     let blade_from_middle = Translation3::from(middle_mm.coords);
-    let camera_from_middle = isometry_from_mm_deg([0.0, 0.0, scene.optics.nominal_mm], [90.0, 0.0, 0.0]);
+    let camera_from_middle = isometry_from_mm_deg([0.0, 0.0, scene.optics.nominal_mm], [180.0, -90.0, 0.0]);
     let base_from_blade = scene.base_from_camera * camera_from_middle * blade_from_middle.inverse();
     Pose::from_isometry(&(base_from_blade * scene.tool_from_blade.inverse()))
 }
@@ -357,3 +357,74 @@ const BUILTIN: &str = "builtin:";
 const SPEED_RANGE: [f64; 2] = [0.01, 1000.0];
 /// Of an error, in mm or degrees.
 const SIZE_RANGE: [f64; 2] = [0.0, 10.0];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn run_with(args: &[&str]) -> String {
+        format!("{:?}", main_from(args.iter().map(OsString::from), "hw-sim"))
+    }
+
+    fn code(number: u8) -> String {
+        format!("{:?}", ExitCode::from(number))
+    }
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn bad_arguments_and_bad_input_exit_with_2_and_a_taken_port_with_1() {
+        let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let port = taken.local_addr().unwrap().port().to_string();
+        for args in [
+            &["cell", "--fault", "camera-on-fire@1"][..],
+            &["cell", "--speed", "0"],
+            &["cell", "--optics", "narrow"],
+            &["cell", "--base-from-camera", "1,2,3"],
+            &["cell", "--pose-error-mm", "-1"],
+            &["cell", "--blade", "builtin:fan"],
+            &["cell", "--blade", "/nowhere.stl"],
+            &["blade", "fan", "--out", "/nowhere/fan.stl"],
+            &["score", "/nowhere"],
+        ] {
+            assert_eq!(run_with(args), code(2), "{args:?}");
+        }
+        assert_eq!(run_with(&["camera", "--a3dp-port", &port]), code(1));
+        assert_eq!(run_with(&["--help"]), code(0));
+    }
+
+    #[test]
+    fn poses_may_be_negative() {
+        let args = [
+            "cell",
+            "--base-from-camera",
+            "-1,-2,-3,-90,0,0",
+            "--fault",
+            "estop@3",
+            "--fault",
+            "remote-off",
+        ];
+        let cli = Cli::try_parse_from(["hw-sim"].into_iter().chain(args)).unwrap();
+        let Command::Cell(args) = cli.command else { panic!() };
+        assert_eq!(
+            args.base_from_camera,
+            isometry_from_mm_deg([-1.0, -2.0, -3.0], [-90.0, 0.0, 0.0])
+        );
+        assert_eq!(args.faults, [Fault::Estop { view: 3 }, Fault::RemoteOff]);
+    }
+
+    #[test]
+    fn the_camera_alone_sees_the_blade() {
+        let cli = Cli::try_parse_from(["hw-sim", "camera"]).unwrap();
+        let Command::Camera(args) = cli.command else { panic!() };
+        let mesh = Builtin::HptA.mesh();
+        let scene = scene(&args, Devices::Camera, &mesh);
+        let base_from_blade = scene.home.to_isometry() * scene.tool_from_blade;
+        let camera_from_blade = scene.base_from_camera.inverse() * base_from_blade;
+        let (low, high) = mesh.extents_mm().unwrap();
+        assert!(scene.optics.covers(&camera_from_blade, &[low, high]));
+    }
+}

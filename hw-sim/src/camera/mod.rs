@@ -6,6 +6,7 @@ pub mod fields;
 pub mod message;
 mod noise;
 pub mod optics;
+pub mod payload;
 pub mod render;
 mod session;
 pub mod settings;

@@ -80,7 +80,7 @@ struct Acquisition {
 enum Stage {
     Exposing,
     Reconstructing,
-    Sending { transfer: Transfer, next_ns: u64 },
+    Sending { transfer: Box<Transfer>, next_ns: u64 },
 }
 
 impl Session {
@@ -354,7 +354,7 @@ impl Session {
         self.steps
             .push_back(Step::Send(Message::FrameBegin(transfer.begin().clone())));
         acquisition.stage = Stage::Sending {
-            transfer,
+            transfer: Box::new(transfer),
             next_ns: now_ns,
         };
     }
