@@ -22,7 +22,7 @@ use crate::robot::pose::{Pose, isometry_from_mm_deg};
 use crate::scene::Scene;
 use crate::score::score_folder;
 use crate::shell::{self, Sockets};
-use crate::truth::PoseErrorSize;
+use crate::truth::{PoseErrorSize, Truth};
 
 /// Runs the command line `args` (without the name of the program) and says how it went: 0 done, 1 failed, 2 bad arguments
 /// or bad input. `program` stands in the help.
@@ -108,7 +108,7 @@ struct ServeArgs {
     /// Motion and exposure are this much faster than real; time-outs stay.
     #[arg(long, default_value_t = 1.0, value_parser = parse_speed)]
     speed: f64,
-    /// File for the truth, written after each acquisition.
+    /// File for the truth, written after each acquisition; that of the same run goes on.
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
     /// Fault to inject, KIND[=VALUE][@VIEW]; may be repeated, `faults` lists them.
@@ -155,6 +155,8 @@ enum CliError {
     Shell(#[from] shell::ShellError),
     #[error("cannot write {path}: {source}")]
     Write { path: PathBuf, source: io::Error },
+    #[error("{path} is the truth of another run: another blade, seed or optics, or no truth at all")]
+    OtherRun { path: PathBuf },
     #[error("cannot say where the cell listens: {0}")]
     Stdout(#[from] io::Error),
 }
@@ -162,7 +164,9 @@ enum CliError {
 impl CliError {
     fn exit_code(&self) -> ExitCode {
         match self {
-            Self::NoBlade(_) | Self::Stl(_) | Self::Renderer(_) | Self::Score(_) => ExitCode::from(2),
+            Self::NoBlade(_) | Self::Stl(_) | Self::Renderer(_) | Self::Score(_) | Self::OtherRun { .. } => {
+                ExitCode::from(2)
+            }
             Self::Shell(_) | Self::Write { .. } | Self::Stdout(_) => ExitCode::from(1),
         }
     }
@@ -211,20 +215,38 @@ fn serve(args: ServeArgs, devices: Devices) -> Result<(), CliError> {
         let robot_port = (devices != Devices::Camera).then_some(args.hses_port);
         let camera_port = (devices != Devices::Robot).then_some(args.a3dp_port);
         let sockets = Sockets::open(robot_port, camera_port).await?;
+        let cell = cell(scene, args.truth.as_deref())?;
         announce(&sockets, args.json)?;
-        shell::serve(
-            Cell::new(scene),
-            renderer,
-            sockets,
-            args.truth,
-            stop(args.until_stdin_closes),
-        )
-        .await?;
+        shell::serve(cell, renderer, sockets, args.truth, stop(args.until_stdin_closes)).await?;
         Ok(())
     });
     // A thread that waits for standard input must not keep the program.
     runtime.shutdown_background();
     served
+}
+
+/// The cell, and its truth on disk. A truth that is there already belongs to the same run, which goes on.
+fn cell(scene: Scene, truth_path: Option<&Path>) -> Result<Cell, CliError> {
+    let Some(path) = truth_path else {
+        return Ok(Cell::new(scene));
+    };
+    let cell = match std::fs::read(path) {
+        Ok(text) => {
+            let other_run = || CliError::OtherRun { path: path.to_owned() };
+            let earlier: Truth = serde_json::from_slice(&text).map_err(|_| other_run())?;
+            let here = (&scene.blade, scene.seed, scene.optics.name);
+            if (&earlier.blade, earlier.seed, earlier.optics.as_str()) != here {
+                return Err(other_run());
+            }
+            Cell::resumed(scene, earlier)
+        }
+        Err(_) => Cell::new(scene),
+    };
+    cell.truth().write(path).map_err(|source| CliError::Write {
+        path: path.to_owned(),
+        source,
+    })?;
+    Ok(cell)
 }
 
 /// Ends at Ctrl-C and, when asked, at the end of standard input.
@@ -394,6 +416,34 @@ mod tests {
         }
         assert_eq!(run_with(&["camera", "--a3dp-port", &port]), code(1));
         assert_eq!(run_with(&["--help"]), code(0));
+    }
+
+    #[test]
+    fn the_truth_of_a_resumed_run_goes_on_and_that_of_another_run_stays() {
+        let path = std::env::temp_dir().join(format!("hw-sim-cli-{}.json", std::process::id()));
+        let mut first = cell(Scene::default(), Some(&path)).unwrap().truth().clone();
+        first.record(7 << 16, &Isometry3::identity(), Vec::new(), false);
+        first.write(&path).unwrap();
+        let faults = vec![Fault::ConfigEcho];
+        let resumed = cell(
+            Scene {
+                faults,
+                ..Scene::default()
+            },
+            Some(&path),
+        )
+        .unwrap();
+        assert_eq!(resumed.truth().views, first.views);
+        assert_eq!(resumed.truth().faults, ["config-echo"]);
+        let other = cell(
+            Scene {
+                seed: 2,
+                ..Scene::default()
+            },
+            Some(&path),
+        );
+        std::fs::remove_file(&path).unwrap();
+        assert!(matches!(other, Err(CliError::OtherRun { .. })));
     }
 
     #[test]

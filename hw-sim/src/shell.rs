@@ -97,7 +97,7 @@ impl Sockets {
     }
 }
 
-/// Serves until `stop` ends. The truth is written at the start, after each acquisition and at the end.
+/// Serves until `stop` ends. The truth is written after each acquisition, the last time before this returns.
 pub async fn serve(
     cell: Cell,
     renderer: Arc<Renderer>,
@@ -325,7 +325,6 @@ async fn write(mut stream: OwnedWriteHalf, mut bytes: mpsc::UnboundedReceiver<Ve
 
 /// Writes the newest truth whenever it has changed, and the last one before it ends.
 async fn write_truths(path: PathBuf, mut truths: watch::Receiver<Truth>) -> Result<(), ShellError> {
-    truths.mark_changed();
     while truths.changed().await.is_ok() {
         let truth = truths.borrow_and_update().clone();
         let target = path.clone();

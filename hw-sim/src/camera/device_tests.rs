@@ -1,6 +1,6 @@
 use super::*;
 use crate::camera::fields::{Field, Rest};
-use crate::camera::message::{Aborted, NO_TRIGGER, TriggerOk};
+use crate::camera::message::{Aborted, HelloOk, NO_TRIGGER, TriggerOk};
 use crate::test_client::{Client, arm, configure, hello, small_settings, trigger};
 use crate::vectors::{CAMERA_PAGE, vector};
 
@@ -158,7 +158,7 @@ fn code(message: &Message) -> u16 {
 }
 
 /// Bytes and CRC of every component that came, and those that FRAME_END states.
-fn sums(messages: &[Message]) -> (Vec<(u64, u32)>, Vec<(u64, u32)>) {
+fn sums(messages: &[Message]) -> [Vec<(u64, u32)>; 2] {
     let mut components: BTreeMap<u16, Vec<u8>> = BTreeMap::new();
     let mut stated = Vec::new();
     for message in messages {
@@ -174,13 +174,11 @@ fn sums(messages: &[Message]) -> (Vec<(u64, u32)>, Vec<(u64, u32)>) {
             _ => (),
         }
     }
-    (
-        components
-            .values()
-            .map(|bytes| (bytes.len() as u64, crc32c::crc32c(bytes)))
-            .collect(),
-        stated,
-    )
+    let came = components
+        .values()
+        .map(|bytes| (bytes.len() as u64, crc32c::crc32c(bytes)))
+        .collect();
+    [came, stated]
 }
 
 const WHOLE_FRAME: [u16; 7] = [0x21, 0x22, 0x30, 0x31, 0x31, 0x31, 0x32];
@@ -318,7 +316,7 @@ fn an_acquisition_runs_through_its_phases_at_the_predicted_times() {
         [(0, 38_400), (2, 3_200), (4, 3_200)]
     );
     assert_eq!(names(&messages), [0x30, 0x31, 0x31, 0x31, 0x32]);
-    let (came, stated) = sums(&messages);
+    let [came, stated] = sums(&messages);
     assert_eq!(came, stated);
     let Message::Status(status) = bench.ask(&Message::GetStatus) else {
         panic!()
@@ -642,11 +640,11 @@ fn camera_error_comes_instead_of_the_frame_and_the_retake_succeeds() {
 #[test]
 fn corrupt_chunk_makes_the_crc_of_a_component_disagree() {
     let mut bench = Bench::armed(&["corrupt-chunk@0"]);
-    let (came, stated) = sums(&bench.take(0));
+    let [came, stated] = sums(&bench.take(0));
     assert_ne!(came[0], stated[0]);
     assert_eq!(came[0].0, stated[0].0);
     assert_eq!(came[1..], stated[1..]);
-    let (came, stated) = sums(&bench.take(1));
+    let [came, stated] = sums(&bench.take(1));
     assert_eq!(came, stated);
 }
 

@@ -1,8 +1,10 @@
 //! The structured-light camera: its optics, the frames it takes of a mesh, and how it speaks A3DP/1.
 
 pub mod a3dp;
+mod acquisition;
 pub mod device;
 pub mod fields;
+mod identity;
 pub mod message;
 mod noise;
 pub mod optics;
