@@ -1,3 +1,5 @@
 //! The `bladescan` program.
 
-fn main() {}
+fn main() -> std::process::ExitCode {
+    bladescan::cli::main()
+}

@@ -1,1 +1,3 @@
 //! All integration tests of the root package, in one binary.
+
+mod settings;

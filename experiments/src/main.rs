@@ -1,3 +1,29 @@
 //! Measurements of bladescan that are too slow or too specific for its tests.
 
-fn main() {}
+mod cases;
+mod model;
+mod pairs;
+
+use clap::{Parser, Subcommand};
+
+/// Measurements of bladescan.
+#[derive(Parser)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Registers every case folder under a root and compares with the truth.
+    Pairs(pairs::PairsArguments),
+    /// Registers the views of a folder one after the other to the growing model.
+    Model(model::ModelArguments),
+}
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    match Arguments::parse().command {
+        Command::Pairs(arguments) => pairs::run(&arguments),
+        Command::Model(arguments) => model::run(&arguments),
+    }
+}

@@ -1,0 +1,86 @@
+//! `bladescan dry-run`: the whole job on the built-in simulated cell.
+
+use super::files::{beside, builtin_station, make_run_dir, plan, read_recipe};
+use super::live_run::{RunJob, runtime};
+use super::{Exit, Failure};
+use crate::run::{SimulatedCell, SimulatedError, SimulatedOptions};
+use crate::seed::Seed;
+use crate::settings::Cad;
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+use std::time::SystemTime;
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Args {
+    /// What to measure and how.
+    recipe: PathBuf,
+    /// Folder of the run; must not exist [default: runs/<recipe>-<UTC time>].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Seeds everything drawn: the simulated cell, tilts, samples.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Only the first N views of the plan.
+    #[arg(long, value_name = "N")]
+    views: Option<NonZeroUsize>,
+    /// Simulated motion and exposure are this much faster than real; time-outs stay.
+    #[arg(long, default_value_t = 20.0, value_name = "X", value_parser = parse_speed)]
+    speed: f64,
+    /// Fault to inject, KIND[=VALUE][@VIEW]; may be repeated, `bladescan sim faults` lists them.
+    #[arg(long = "fault", value_name = "SPEC")]
+    faults: Vec<String>,
+    /// Print summary.json to standard output.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn main(args: Args) -> Result<Exit, Failure> {
+    let recipe = read_recipe(&args.recipe)?;
+    let station = builtin_station();
+    let seed = Seed(args.seed);
+    let plan = plan(&recipe.meaning, &station.meaning, seed, args.views)?;
+    let blade = match &recipe.meaning.cad {
+        Cad::Builtin(name) => format!("builtin:{name}"),
+        Cad::File(path) => beside(&args.recipe, path).display().to_string(),
+    };
+    let dir = make_run_dir(args.out.as_deref(), &recipe.meaning, SystemTime::now())?;
+    let options = SimulatedOptions {
+        seed: args.seed,
+        blade,
+        optics: recipe.meaning.camera.optics.name(),
+        base_from_camera: station.meaning.base_from_camera,
+        tool_from_blade: station.meaning.tool_from_blade,
+        speed: args.speed,
+        truth: dir.join("truth.json"),
+        faults: args.faults,
+    };
+    let job = RunJob {
+        recipe,
+        station,
+        plan,
+        seed,
+        part: None,
+        views: args.views,
+        json: args.json,
+    };
+    runtime()?.block_on(async {
+        let cell = SimulatedCell::start(&options).await.map_err(|error| {
+            // Nothing was recorded, so the folder just made is empty.
+            std::fs::remove_dir(&dir).ok();
+            match error {
+                SimulatedError::Options(_) => Failure::Usage(error.to_string()),
+                _ => Failure::Broken(error.to_string()),
+            }
+        })?;
+        let exit = job.carry_out(cell.links(), &dir).await;
+        cell.stop().await;
+        exit
+    })
+}
+
+fn parse_speed(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(speed) if (0.1..=1000.0).contains(&speed) => Ok(speed),
+        _ => Err("give a number from 0.1 to 1000".into()),
+    }
+}

@@ -1,0 +1,110 @@
+//! Reading recipes and stations, making the run's folder.
+
+use super::Failure;
+use crate::plan::Plan;
+use crate::seed::Seed;
+use crate::settings::{Cad, Recipe, Station};
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+/// A file's text and its meaning.
+pub(super) struct Read<T> {
+    pub(super) text: String,
+    pub(super) meaning: T,
+}
+
+pub(super) fn read_recipe(path: &Path) -> Result<Read<Recipe>, Failure> {
+    let text = read_text(path)?;
+    let meaning =
+        Recipe::parse(&path.display().to_string(), &text).map_err(|error| Failure::Settings(Box::new(error)))?;
+    if let Cad::File(cad) = &meaning.cad {
+        let cad = beside(path, cad);
+        if !cad.is_file() {
+            return Err(Failure::Usage(format!(
+                "{}: blade.cad names {}, which is not there",
+                path.display(),
+                cad.display()
+            )));
+        }
+    }
+    Ok(Read { text, meaning })
+}
+
+pub(super) fn read_station(path: &Path) -> Result<Read<Station>, Failure> {
+    let text = read_text(path)?;
+    let meaning =
+        Station::parse(&path.display().to_string(), &text).map_err(|error| Failure::Settings(Box::new(error)))?;
+    Ok(Read { text, meaning })
+}
+
+pub(super) fn builtin_station() -> Read<Station> {
+    Read {
+        text: Station::BUILTIN_SIMULATED_TEXT.to_owned(),
+        meaning: Station::builtin_simulated(),
+    }
+}
+
+/// A path in a recipe is relative to the recipe's folder.
+pub(super) fn beside(recipe_path: &Path, path: &Path) -> PathBuf {
+    recipe_path.parent().unwrap_or(Path::new("")).join(path)
+}
+
+pub(super) fn plan(
+    recipe: &Recipe,
+    station: &Station,
+    seed: Seed,
+    views: Option<NonZeroUsize>,
+) -> Result<Plan, Failure> {
+    let plan = Plan::new(recipe, station, seed).map_err(|error| Failure::Usage(error.to_string()))?;
+    Ok(match views {
+        Some(views) => plan.truncated(views),
+        None => plan,
+    })
+}
+
+/// Makes the folder of a run: `out`, or `runs/<recipe>-<UTC time>`. An existing one is refused.
+pub(super) fn make_run_dir(out: Option<&Path>, recipe: &Recipe, now: SystemTime) -> Result<PathBuf, Failure> {
+    let dir = match out {
+        Some(out) => out.to_owned(),
+        None => Path::new("runs").join(format!("{}-{}", recipe.name, compact_utc(now))),
+    };
+    if let Some(parent) = dir.parent().filter(|parent| !parent.as_os_str().is_empty()) {
+        std::fs::create_dir_all(parent)
+            .map_err(|error| Failure::Usage(format!("cannot create {}: {error}", parent.display())))?;
+    }
+    std::fs::create_dir(&dir).map_err(|error| match error.kind() {
+        std::io::ErrorKind::AlreadyExists => Failure::Usage(format!(
+            "{} exists: a run never writes into a folder that is there; give another one with --out",
+            dir.display()
+        )),
+        _ => Failure::Usage(format!("cannot create {}: {error}", dir.display())),
+    })?;
+    Ok(dir)
+}
+
+/// For example `20261121T120000Z`.
+fn compact_utc(now: SystemTime) -> String {
+    humantime::format_rfc3339_seconds(now)
+        .to_string()
+        .replace(['-', ':'], "")
+}
+
+fn read_text(path: &Path) -> Result<String, Failure> {
+    std::fs::read_to_string(path).map_err(|source| Failure::Read {
+        path: path.to_owned(),
+        source,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+
+    #[test]
+    fn folder_names_carry_the_utc_time() {
+        let moment = SystemTime::UNIX_EPOCH + Duration::from_secs(1_795_262_400);
+        assert_eq!(compact_utc(moment), "20261121T120000Z");
+    }
+}

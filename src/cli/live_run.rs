@@ -1,0 +1,166 @@
+//! `bladescan run`, and what it shares with `dry-run`.
+
+use super::files::{Read, make_run_dir, plan, read_recipe, read_station};
+use super::{Exit, Failure, operator, print};
+use crate::controller::{Controller, Header};
+use crate::event::Ending;
+use crate::plan::Plan;
+use crate::run::{Console, JournalFile, Links, Live, Outcome, Pool, pack_file, run};
+use crate::seed::Seed;
+use crate::settings::{HostPort, Recipe, Station, Target};
+use std::net::{SocketAddr, ToSocketAddrs as _};
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Args {
+    /// What to measure and how.
+    recipe: PathBuf,
+    /// Where: addresses, limits, calibration.
+    #[arg(long)]
+    station: PathBuf,
+    /// Allow real motion. Without it nothing is even connected.
+    #[arg(long)]
+    arm: bool,
+    /// Serial number or name of the part.
+    #[arg(long)]
+    part: Option<String>,
+    /// Folder of the run; must not exist [default: runs/<recipe>-<UTC time>].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Seeds everything drawn (tilts, samples).
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Only the first N views of the plan.
+    #[arg(long, value_name = "N")]
+    views: Option<NonZeroUsize>,
+    /// Print summary.json to standard output.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn main(args: &Args) -> Result<Exit, Failure> {
+    if !args.arm {
+        return Err(Failure::Usage(
+            "a real run moves the robot: clear the cell, then give --arm (nothing was connected)".into(),
+        ));
+    }
+    let recipe = read_recipe(&args.recipe)?;
+    let station = read_station(&args.station)?;
+    let links = match &station.meaning.target {
+        Target::Simulated => {
+            return Err(Failure::Usage(format!(
+                "{} is the built-in simulated station: use dry-run",
+                args.station.display()
+            )));
+        }
+        Target::SimulatedAt { robot, camera } | Target::Cell { robot, camera } => Links {
+            robot: resolve(robot)?,
+            camera: resolve(camera)?,
+        },
+    };
+    let seed = Seed(args.seed);
+    let plan = plan(&recipe.meaning, &station.meaning, seed, args.views)?;
+    let job = RunJob {
+        recipe,
+        station,
+        plan,
+        seed,
+        part: args.part.clone(),
+        views: args.views,
+        json: args.json,
+    };
+    let dir = make_run_dir(args.out.as_deref(), &job.recipe.meaning, SystemTime::now())?;
+    runtime()?.block_on(async { job.carry_out(links, &dir).await })
+}
+
+/// A run that is ready to be carried out.
+pub(super) struct RunJob {
+    pub(super) recipe: Read<Recipe>,
+    pub(super) station: Read<Station>,
+    pub(super) plan: Plan,
+    pub(super) seed: Seed,
+    pub(super) part: Option<String>,
+    pub(super) views: Option<NonZeroUsize>,
+    pub(super) json: bool,
+}
+
+impl RunJob {
+    /// Runs to the end, packs the recording, tells the person.
+    pub(super) async fn carry_out(self, links: Links, dir: &Path) -> Result<Exit, Failure> {
+        let started = SystemTime::now();
+        let start_unix_ns = started
+            .duration_since(SystemTime::UNIX_EPOCH)
+            .map_or(0, |since| since.as_nanos() as u64);
+        let header = Header {
+            version: env!("CARGO_PKG_VERSION").into(),
+            target: format!("{}-{}", std::env::consts::ARCH, std::env::consts::OS),
+            seed: self.seed,
+            recipe: self.recipe.meaning.name.clone(),
+            station: self.station.meaning.name.clone(),
+            simulated: !matches!(self.station.meaning.target, Target::Cell { .. }),
+            part: self.part,
+            started_utc: humantime::format_rfc3339_seconds(started).to_string(),
+            view_count: self.views.map(NonZeroUsize::get),
+        };
+        let mut console = Console::new();
+        if !header.simulated {
+            console.say("Nothing here has met a real DX200 or A5000 yet. Keep a hand on the emergency stop.");
+        }
+        let journal = JournalFile::create(dir, &header, start_unix_ns, &self.recipe.text, &self.station.text)
+            .map_err(|error| Failure::Broken(error.to_string()))?;
+        let pool = Pool::new().map_err(|error| Failure::Broken(format!("cannot start threads: {error}")))?;
+        let live = Live {
+            controller: Controller::new(header, self.recipe.meaning, self.station.meaning, self.plan),
+            journal,
+            start_unix_ns,
+            links,
+            pool: &pool,
+            commands: operator::listen(),
+            console: &mut console,
+            dir,
+        };
+        let outcome = run(live).await;
+        console.close();
+        let outcome = outcome.map_err(|error| Failure::Broken(error.to_string()))?;
+        if let Err(error) = pack_file(&outcome.recording) {
+            console.say(&format!("the recording stays unpacked: {error}"));
+        }
+        if self.json {
+            print(String::from_utf8_lossy(&outcome.summary).trim_end())?;
+        }
+        console.say(&format!(
+            "{} of {} views merged (at least {} wanted); files in {}",
+            outcome.merged_count,
+            outcome.planned_count,
+            outcome.merged_min_count,
+            dir.display()
+        ));
+        Ok(exit(&outcome))
+    }
+}
+
+pub(super) fn runtime() -> Result<tokio::runtime::Runtime, Failure> {
+    tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .map_err(|error| Failure::Broken(format!("cannot start the event loop: {error}")))
+}
+
+fn exit(outcome: &Outcome) -> Exit {
+    match outcome.ending {
+        Ending::Finished if outcome.merged_count >= outcome.merged_min_count => Exit::Done,
+        Ending::Finished => Exit::Short,
+        Ending::Aborted => Exit::Aborted,
+        Ending::Faulted { .. } => Exit::Fault,
+    }
+}
+
+fn resolve(address: &HostPort) -> Result<SocketAddr, Failure> {
+    (address.host.as_str(), address.port)
+        .to_socket_addrs()
+        .ok()
+        .and_then(|mut found| found.next())
+        .ok_or_else(|| Failure::Usage(format!("{address} is not an address this machine can find")))
+}

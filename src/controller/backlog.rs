@@ -1,0 +1,366 @@
+//! The views between the camera and the model: prepared as they come, registered and merged in index order.
+
+use crate::event::{Event, ViewFigures};
+use crate::geometry::PointCloud;
+use crate::job::{Job, JobOutput, RegisterJob, StageTime};
+use crate::plan::{PlannedView, camera_relative};
+use crate::reconstruction::{Decision, DiscardReason, Model, OverlapMin, PriorLimits, ViewRegistration, ViewSettings};
+use crate::registration::{self, Search};
+use crate::seed::Seed;
+use crate::session::Captured;
+use crate::settings::{self, Recipe, Start, Station};
+use crate::stamp::Stamp;
+use nalgebra::Isometry3;
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+/// What became of a planned view.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ViewRecord {
+    /// Merged, discarded, or missing (so far).
+    pub outcome: ViewOutcome,
+    /// The attempt whose frame was used, from 0.
+    pub attempt: u16,
+    /// Where the view lies in the model; `None` unless merged.
+    pub model_from_view: Option<Isometry3<f64>>,
+    /// Points of its cloud.
+    pub point_count: usize,
+    /// Figures of its registration.
+    pub figures: ViewFigures,
+    /// How long the stages of its jobs took.
+    pub times: Vec<StageTime>,
+    /// From the end of the frame to the decision, ms.
+    pub latency_ms: u64,
+}
+
+/// Merged, discarded or missing.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum ViewOutcome {
+    /// It is part of the model.
+    Merged,
+    /// It was registered but is not part of the model.
+    Discarded {
+        /// Why.
+        reason: String,
+    },
+    /// There is no frame of it.
+    Missing {
+        /// Why.
+        reason: String,
+    },
+}
+
+/// What the backlog hands up.
+#[derive(Debug)]
+pub(super) enum BacklogEvent {
+    Job {
+        job_id: u32,
+        job: Arc<Job>,
+    },
+    Event(Event),
+    ViewCloud {
+        view_index: usize,
+        cloud: Arc<PointCloud>,
+    },
+    ViewPose {
+        view_index: usize,
+        model_from_view: Isometry3<f64>,
+    },
+}
+
+/// The views between the camera and the model.
+#[derive(Debug)]
+pub(super) struct Backlog {
+    settings: ViewSettings,
+    start: Start,
+    coincident_distance_mm: f64,
+    base_from_camera: Isometry3<f64>,
+    /// The arm's pose at view 0: as reported, or as planned while it has not been taken.
+    base_from_tool_0: Isometry3<f64>,
+    last_merged: Option<Isometry3<f64>>,
+    seed: Seed,
+    model: Arc<Model>,
+    views: Vec<ViewRecord>,
+    waiting: VecDeque<Waiting>,
+    registering: bool,
+    next_job_id: u32,
+    jobs: Vec<(u32, usize)>,
+    events: VecDeque<BacklogEvent>,
+}
+
+#[derive(Debug)]
+struct Waiting {
+    view_index: usize,
+    base_from_tool: Isometry3<f64>,
+    came: Stamp,
+    cloud: Option<Arc<PointCloud>>,
+}
+
+impl Backlog {
+    pub(super) fn new(recipe: &Recipe, station: &Station, plan: &[PlannedView], seed: Seed) -> Self {
+        let untaken = ViewRecord {
+            outcome: ViewOutcome::Missing {
+                reason: "not taken".into(),
+            },
+            attempt: 0,
+            model_from_view: None,
+            point_count: 0,
+            figures: ViewFigures::default(),
+            times: Vec::new(),
+            latency_ms: 0,
+        };
+        Self {
+            settings: view_settings(recipe),
+            start: recipe.registration.start,
+            coincident_distance_mm: recipe.merge.coincident_distance_mm,
+            base_from_camera: station.base_from_camera,
+            base_from_tool_0: plan
+                .first()
+                .map_or_else(Isometry3::identity, |view| view.base_from_tool),
+            last_merged: None,
+            seed,
+            model: Arc::new(Model::default()),
+            views: vec![untaken; plan.len()],
+            waiting: VecDeque::new(),
+            registering: false,
+            next_job_id: 1,
+            jobs: Vec::new(),
+            events: VecDeque::new(),
+        }
+    }
+
+    /// A frame has come.
+    pub(super) fn add(&mut self, now: Stamp, view: Captured) {
+        let Captured {
+            view_index,
+            attempt,
+            base_from_tool,
+            capture,
+        } = view;
+        if view_index == 0 {
+            self.base_from_tool_0 = base_from_tool;
+        }
+        self.views[view_index].attempt = attempt;
+        self.waiting.push_back(Waiting {
+            view_index,
+            base_from_tool,
+            came: now,
+            cloud: None,
+        });
+        self.start_job(Job::Prepare {
+            view_index,
+            attempt,
+            capture,
+        });
+    }
+
+    /// No frame will come of a view.
+    pub(super) fn give_up(&mut self, view_index: usize, reason: &str) {
+        self.views[view_index].outcome = ViewOutcome::Missing { reason: reason.into() };
+    }
+
+    /// A job has ended. Returns what a panic said.
+    pub(super) fn handle_done(
+        &mut self,
+        now: Stamp,
+        job_id: u32,
+        output: JobOutput,
+        times: Vec<StageTime>,
+    ) -> Option<String> {
+        let place = self.jobs.iter().position(|(open, _)| *open == job_id)?;
+        let (_, view_index) = self.jobs.remove(place);
+        self.views[view_index].times.extend(times);
+        match output {
+            JobOutput::Prepared {
+                cloud,
+                unreliable_count,
+            } => {
+                self.views[view_index].point_count = cloud.len();
+                self.events.push_back(BacklogEvent::Event(Event::ViewPrepared {
+                    view_index,
+                    point_count: cloud.len(),
+                    unreliable_count,
+                }));
+                self.events.push_back(BacklogEvent::ViewCloud {
+                    view_index,
+                    cloud: cloud.clone(),
+                });
+                if let Some(waiting) = self.waiting.iter_mut().find(|waiting| waiting.view_index == view_index) {
+                    waiting.cloud = Some(cloud);
+                }
+            }
+            JobOutput::Registered { registration, model } => {
+                self.registering = false;
+                let waiting = self.waiting.pop_front().expect("the front view was being registered");
+                self.views[view_index].latency_ms = now.ms_since(waiting.came);
+                self.decide(view_index, &registration, model);
+            }
+            JobOutput::Panicked { text } => {
+                for waiting in self.waiting.drain(..) {
+                    self.views[waiting.view_index].outcome = ViewOutcome::Missing {
+                        reason: "its frame was not registered: a job panicked before".into(),
+                    };
+                }
+                self.jobs.clear();
+                self.registering = false;
+                self.views[view_index].outcome = ViewOutcome::Discarded {
+                    reason: format!("a job panicked: {text}"),
+                };
+                return Some(text);
+            }
+        }
+        self.register_next();
+        None
+    }
+
+    /// How many frames have come that are not decided yet.
+    pub(super) fn waiting_count(&self) -> usize {
+        self.waiting.len()
+    }
+
+    /// Whether nothing is under way.
+    pub(super) fn is_idle(&self) -> bool {
+        self.waiting.is_empty() && self.jobs.is_empty()
+    }
+
+    /// The model so far.
+    pub(super) fn model(&self) -> &Arc<Model> {
+        &self.model
+    }
+
+    /// What became of each planned view.
+    pub(super) fn views(&self) -> &[ViewRecord] {
+        &self.views
+    }
+
+    pub(super) fn poll_event(&mut self) -> Option<BacklogEvent> {
+        self.events.pop_front()
+    }
+
+    /// Starts the registration of the front view once it is prepared: one at a time, in index order.
+    fn register_next(&mut self) {
+        if self.registering {
+            return;
+        }
+        let Some(waiting) = self.waiting.front() else { return };
+        let Some(cloud) = waiting.cloud.clone() else { return };
+        let job = RegisterJob {
+            view_index: waiting.view_index,
+            cloud,
+            model: self.model.clone(),
+            start: self.start_of(waiting),
+            settings: self.settings.clone(),
+            coincident_distance_mm: self.coincident_distance_mm,
+            seed: self.seed,
+        };
+        self.registering = true;
+        self.start_job(Job::Register(Box::new(job)));
+    }
+
+    /// `model_from_view` as predicted: the model's frame is the camera frame at view 0.
+    fn start_of(&self, waiting: &Waiting) -> Isometry3<f64> {
+        let by_robot = camera_relative(&self.base_from_camera, &self.base_from_tool_0, &waiting.base_from_tool);
+        match (self.start, self.last_merged) {
+            (Start::Previous, Some(previous)) => previous,
+            (Start::Previous | Start::Robot, _) => by_robot,
+        }
+    }
+
+    fn decide(&mut self, view_index: usize, found: &ViewRegistration, model: Option<Arc<Model>>) {
+        let figures = figures(found);
+        let view = &mut self.views[view_index];
+        view.figures = figures;
+        match found.decision {
+            Decision::Merge => {
+                self.model = model.expect("a merged view comes with its model");
+                self.last_merged = Some(found.model_from_view);
+                view.outcome = ViewOutcome::Merged;
+                view.model_from_view = Some(found.model_from_view);
+                self.events.push_back(BacklogEvent::ViewPose {
+                    view_index,
+                    model_from_view: found.model_from_view,
+                });
+                self.events.push_back(BacklogEvent::Event(Event::ViewMerged {
+                    view_index,
+                    figures,
+                    model_point_count: self.model.len(),
+                }));
+            }
+            Decision::Discard(reason) => {
+                let reason = discard_words(reason, &self.settings);
+                view.outcome = ViewOutcome::Discarded { reason: reason.clone() };
+                self.events.push_back(BacklogEvent::Event(Event::ViewDiscarded {
+                    view_index,
+                    figures,
+                    reason,
+                }));
+            }
+        }
+    }
+
+    fn start_job(&mut self, job: Job) {
+        let job_id = self.next_job_id;
+        self.next_job_id += 1;
+        self.jobs.push((job_id, job.view_index()));
+        self.events.push_back(BacklogEvent::Job {
+            job_id,
+            job: Arc::new(job),
+        });
+    }
+}
+
+fn figures(found: &ViewRegistration) -> ViewFigures {
+    let registration = found.registration.as_ref();
+    ViewFigures {
+        overlap_count: registration.map(|registration| registration.overlap.count),
+        overlap_fraction: registration.map(|registration| registration.overlap.fraction),
+        rmse_mm: registration.map(|registration| registration.rmse),
+        from_prior_deg: found.prior_rotation_rad.to_degrees(),
+        from_prior_mm: found.prior_distance,
+        weak_direction_count: registration.map_or(0, |registration| registration.weak_directions.len()),
+    }
+}
+
+/// Why a view was discarded, with what was required.
+fn discard_words(reason: DiscardReason, settings: &ViewSettings) -> String {
+    match (reason, settings.overlap_min, settings.prior_limits) {
+        (DiscardReason::TooLittleOverlap { fraction, .. }, OverlapMin::Fraction(least), _) => {
+            format!("overlap {fraction:.3}, at least {least:.3} wanted")
+        }
+        (DiscardReason::TooLittleOverlap { count, .. }, OverlapMin::Count(least), _) => {
+            format!("{count} overlapping points, at least {least} wanted")
+        }
+        (DiscardReason::FarFromPrior { rotation_rad, distance }, _, Some(limits)) => format!(
+            "{:.3}° and {distance:.3} mm from the robot's pose, at most {:.3}° and {:.3} mm wanted",
+            rotation_rad.to_degrees(),
+            limits.rotation_max_rad.to_degrees(),
+            limits.translation_max_distance
+        ),
+        (reason, _, _) => reason.to_string(),
+    }
+}
+
+fn view_settings(recipe: &Recipe) -> ViewSettings {
+    let wanted = &recipe.registration;
+    let by_robot = wanted.start == Start::Robot;
+    ViewSettings {
+        registration: registration::Settings {
+            sample_count: wanted.sample_count,
+            overlap_distance: Some(wanted.overlap_distance_mm),
+            search: if by_robot {
+                Search::NearPart { reach_factor: 0.2 }
+            } else {
+                Search::Near
+            },
+            ..registration::Settings::default()
+        },
+        overlap_min: match recipe.merge.overlap_min {
+            settings::OverlapMin::Fraction(fraction) => OverlapMin::Fraction(fraction),
+            settings::OverlapMin::Count(count) => OverlapMin::Count(count as usize),
+        },
+        prior_limits: by_robot.then_some(PriorLimits {
+            rotation_max_rad: wanted.prior_rotation_max_rad,
+            translation_max_distance: wanted.prior_translation_max_mm,
+        }),
+    }
+}

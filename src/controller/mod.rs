@@ -1,0 +1,311 @@
+//! A run as a value: bytes, commands, finished jobs and time go in; bytes, jobs, events and files come out.
+//!
+//! The caller (the tokio shell, a test, or replay) follows one rule: hand over one [`Input`], then take outputs with
+//! [`Controller::poll_output`] until there are none, then wait for the next input or for [`Controller::wake_at`].
+
+mod backlog;
+mod files;
+
+pub use backlog::{ViewOutcome, ViewRecord};
+pub use files::Header;
+
+use crate::camera::CameraOutput;
+use crate::event::{Ending, Event, HoldBy};
+use crate::fault::{Fault, FaultCode};
+use crate::geometry::PointCloud;
+use crate::job::{Job, JobOutput, StageTime};
+use crate::plan::Plan;
+use crate::reconstruction::Model;
+use crate::robot::Datagram;
+use crate::session::{Session, SessionEvent};
+use crate::settings::{Recipe, Station};
+use crate::stamp::Stamp;
+use backlog::{Backlog, BacklogEvent};
+use nalgebra::Isometry3;
+use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+/// What the operator wants.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Command {
+    /// Stop the arm.
+    Hold,
+    /// Go on after a hold.
+    Resume,
+    /// End the run.
+    Abort,
+}
+
+/// Everything that can happen to a run.
+#[derive(Debug, Clone)]
+pub enum Input {
+    /// The run begins. The first input of all.
+    Begin,
+    /// The time of [`Controller::wake_at`] has come.
+    Wake,
+    /// A datagram from the robot.
+    RobotDatagram(Vec<u8>),
+    /// The network says that nothing listens at the robot's address.
+    RobotUnreachable {
+        /// The system's words.
+        reason: String,
+    },
+    /// The camera's connection stands.
+    CameraConnected,
+    /// Bytes from the camera.
+    CameraBytes(Vec<u8>),
+    /// The camera's connection did not come about or has ended.
+    CameraClosed {
+        /// The system's words.
+        reason: String,
+    },
+    /// A word of the operator.
+    Operator(Command),
+    /// A job has ended.
+    JobDone {
+        /// Which one.
+        job_id: u32,
+        /// What came of it.
+        output: JobOutput,
+        /// How long its stages took.
+        times: Vec<StageTime>,
+    },
+    /// The journal cannot be written any more.
+    JournalFailed {
+        /// The system's words.
+        reason: String,
+    },
+}
+
+/// Everything that a run wants done.
+#[derive(Debug, Clone)]
+pub enum Output {
+    /// Send a datagram to the robot.
+    Robot(Datagram),
+    /// Do something with the camera's connection.
+    Camera(CameraOutput),
+    /// Run a job and hand its result back.
+    Job {
+        /// Its number.
+        job_id: u32,
+        /// What to do.
+        job: Arc<Job>,
+    },
+    /// Something happened.
+    Event(Event),
+    /// The cloud of a view, for the recording.
+    ViewCloud {
+        /// Which view.
+        view_index: usize,
+        /// Camera frame, mm.
+        cloud: Arc<PointCloud>,
+    },
+    /// Where a view lies, for the recording.
+    ViewPose {
+        /// Which view.
+        view_index: usize,
+        /// Its pose in the model.
+        model_from_view: Isometry3<f64>,
+    },
+    /// The finished model, for the recording.
+    Model(Arc<Model>),
+    /// A file of the run.
+    File {
+        /// Its name in the run's folder.
+        name: &'static str,
+        /// Its content.
+        bytes: Vec<u8>,
+    },
+}
+
+/// A run.
+#[derive(Debug)]
+pub struct Controller {
+    header: Header,
+    plan: Plan,
+    session: Session,
+    backlog: Backlog,
+    recipe: Recipe,
+    station: Station,
+    begun: bool,
+    over: bool,
+    outputs: VecDeque<Output>,
+}
+
+impl Controller {
+    /// A run that has not begun.
+    pub fn new(header: Header, recipe: Recipe, station: Station, plan: Plan) -> Self {
+        Self {
+            session: Session::new(&recipe, &station, plan.views()),
+            backlog: Backlog::new(&recipe, &station, plan.views(), header.seed),
+            header,
+            plan,
+            recipe,
+            station,
+            begun: false,
+            over: false,
+            outputs: VecDeque::new(),
+        }
+    }
+
+    /// Something has happened.
+    pub fn handle_input(&mut self, now: Stamp, input: Input) {
+        if self.over {
+            return;
+        }
+        match input {
+            Input::Begin => self.begin(now),
+            Input::Wake => self.session.handle_wake(now),
+            Input::RobotDatagram(bytes) => self.session.handle_datagram(now, &bytes),
+            Input::RobotUnreachable { reason } => self.session.handle_robot_unreachable(now, &reason),
+            Input::CameraConnected => self.session.handle_camera_connected(now),
+            Input::CameraBytes(bytes) => self.session.handle_camera_bytes(now, &bytes),
+            Input::CameraClosed { reason } => self.session.handle_camera_closed(now, &reason),
+            Input::Operator(command) => self.handle_command(now, command),
+            Input::JobDone { job_id, output, times } => {
+                if let Some(text) = self.backlog.handle_done(now, job_id, output, times) {
+                    self.session.fault(now, Fault::new(FaultCode::JobPanicked, text));
+                }
+            }
+            Input::JournalFailed { reason } => self.session.fault(now, Fault::new(FaultCode::Journal, reason)),
+        }
+        self.proceed(now);
+    }
+
+    /// When [`Input::Wake`] is due.
+    pub fn wake_at(&self) -> Option<Stamp> {
+        if self.over { None } else { self.session.wake_at() }
+    }
+
+    /// The next thing to do.
+    #[must_use]
+    pub fn poll_output(&mut self) -> Option<Output> {
+        self.outputs.pop_front()
+    }
+
+    /// Whether the run is over and every output of it has been queued.
+    pub fn is_over(&self) -> bool {
+        self.over
+    }
+
+    /// How the run ended, or is about to.
+    pub fn ending(&self) -> Option<&Ending> {
+        self.session.ending()
+    }
+
+    /// What became of each planned view so far.
+    pub fn views(&self) -> &[ViewRecord] {
+        self.backlog.views()
+    }
+
+    /// How many views must be merged for the run to count as done.
+    pub fn merged_min_count(&self) -> usize {
+        self.plan.merged_min_count()
+    }
+
+    fn begin(&mut self, now: Stamp) {
+        if self.begun {
+            return;
+        }
+        self.begun = true;
+        self.outputs.push_back(Output::Event(Event::Started {
+            recipe: self.recipe.name.clone(),
+            station: self.station.name.clone(),
+            view_count: self.plan.views().len(),
+        }));
+        self.session.begin(now);
+    }
+
+    fn handle_command(&mut self, now: Stamp, command: Command) {
+        match command {
+            Command::Hold => self.session.hold(now, HoldBy::Operator),
+            Command::Resume => self.session.resume(now),
+            Command::Abort => self.session.abort(now),
+        }
+        self.session.handle_wake(now);
+    }
+
+    /// Carries everything as far as it goes without another input.
+    fn proceed(&mut self, now: Stamp) {
+        loop {
+            self.session.advance(now, self.backlog.waiting_count());
+            let mut moved = self.take_session_outputs(now);
+            if self.session.is_acquired() && self.session.ending().is_none() && self.begun {
+                self.session.finish(now);
+                self.session.handle_wake(now);
+                moved = true;
+            }
+            moved |= self.take_backlog_outputs();
+            if !moved {
+                break;
+            }
+        }
+        if self.session.is_over() && self.backlog.is_idle() {
+            self.conclude(now);
+        }
+    }
+
+    fn take_session_outputs(&mut self, now: Stamp) -> bool {
+        let before = self.outputs.len();
+        let mut captured = false;
+        while let Some(datagram) = self.session.poll_datagram() {
+            self.outputs.push_back(Output::Robot(datagram));
+        }
+        while let Some(output) = self.session.poll_camera() {
+            self.outputs.push_back(Output::Camera(output));
+        }
+        while let Some(event) = self.session.poll_event() {
+            match event {
+                SessionEvent::Event(event) => self.outputs.push_back(Output::Event(event)),
+                SessionEvent::Captured(view) => {
+                    captured = true;
+                    self.backlog.add(now, view);
+                }
+                SessionEvent::Missing { view_index, reason } => {
+                    self.backlog.give_up(view_index, &reason);
+                    self.outputs
+                        .push_back(Output::Event(Event::ViewMissing { view_index, reason }));
+                }
+            }
+        }
+        captured || self.outputs.len() > before
+    }
+
+    fn take_backlog_outputs(&mut self) -> bool {
+        let before = self.outputs.len();
+        while let Some(event) = self.backlog.poll_event() {
+            self.outputs.push_back(match event {
+                BacklogEvent::Job { job_id, job } => Output::Job { job_id, job },
+                BacklogEvent::Event(event) => Output::Event(event),
+                BacklogEvent::ViewCloud { view_index, cloud } => Output::ViewCloud { view_index, cloud },
+                BacklogEvent::ViewPose {
+                    view_index,
+                    model_from_view,
+                } => Output::ViewPose {
+                    view_index,
+                    model_from_view,
+                },
+            });
+        }
+        self.outputs.len() > before
+    }
+
+    fn conclude(&mut self, now: Stamp) {
+        self.over = true;
+        let ending = self
+            .session
+            .ending()
+            .cloned()
+            .expect("a session that is over has an ending");
+        let model = self.backlog.model();
+        if !model.is_empty() {
+            self.outputs.push_back(Output::Model(model.clone()));
+        }
+        for (name, bytes) in files::files(&self.header, &self.backlog, &ending, self.plan.merged_min_count(), now) {
+            self.outputs.push_back(Output::File { name, bytes });
+        }
+        self.outputs.push_back(Output::Event(Event::Ended { ending }));
+    }
+}

@@ -1,0 +1,236 @@
+//! Events: what happened in a run, for the journal, the console and the report.
+
+use crate::camera::CameraStatus;
+use crate::fault::Fault;
+use serde::{Deserialize, Serialize};
+
+/// One thing that happened.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "event", rename_all = "kebab-case")]
+#[expect(
+    missing_docs,
+    reason = "the fields say what they are; view_index and attempt count from 0"
+)]
+pub enum Event {
+    /// The run has begun.
+    Started {
+        recipe: String,
+        station: String,
+        view_count: usize,
+    },
+    /// The robot has said what it is.
+    RobotIdentified {
+        model: String,
+        software: String,
+        simulated: bool,
+    },
+    /// The camera is greeted, configured and armed.
+    CameraReady {
+        model: String,
+        serial: String,
+        simulated: bool,
+        optics: String,
+        calibration_id: u64,
+    },
+    /// Servo power is on and the arm takes moves.
+    RobotReady,
+    /// A move has been commanded.
+    MoveStarted { view_index: usize, attempt: u16 },
+    /// The arm stands at the view's pose.
+    Arrived { view_index: usize, attempt: u16 },
+    /// The camera has been triggered.
+    Triggered { view_index: usize, attempt: u16 },
+    /// The exposure is over; the robot may move.
+    ExposureDone { view_index: usize, attempt: u16 },
+    /// A whole frame has come.
+    FrameArrived {
+        view_index: usize,
+        attempt: u16,
+        valid_count: u32,
+        saturated_count: u32,
+    },
+    /// An acquisition gave no usable frame.
+    FrameFailed {
+        view_index: usize,
+        attempt: u16,
+        reason: String,
+        retaken: bool,
+    },
+    /// The frame has become a cloud with normals.
+    ViewPrepared {
+        view_index: usize,
+        point_count: usize,
+        /// Valid pixels without a reliable surface direction, left out.
+        unreliable_count: usize,
+    },
+    /// The view joined the model.
+    ViewMerged {
+        view_index: usize,
+        figures: ViewFigures,
+        model_point_count: usize,
+    },
+    /// The view did not join the model.
+    ViewDiscarded {
+        view_index: usize,
+        figures: ViewFigures,
+        reason: String,
+    },
+    /// No usable frame came of a view.
+    ViewMissing { view_index: usize, reason: String },
+    /// The arm is being held.
+    HoldAsked { by: HoldBy },
+    /// The hold is confirmed and the arm stands.
+    Held,
+    /// The run goes on.
+    Resumed,
+    /// The operator ends the run.
+    AbortAsked,
+    /// The run cannot go on.
+    Faulted { fault: Fault },
+    /// The camera's condition, once a second.
+    CameraCondition { status: CameraStatus },
+    /// Something worth recording that changes nothing.
+    Noted { text: String },
+    /// The run is over.
+    Ended { ending: Ending },
+}
+
+/// Figures of one view's registration.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct ViewFigures {
+    /// Points that overlap the model; `None` for the first view, which has nothing to overlap.
+    pub overlap_count: Option<usize>,
+    /// Their share of the view, 0 to 1.
+    pub overlap_fraction: Option<f64>,
+    /// Root mean square distance of the overlapping points from the model's surface, mm.
+    pub rmse_mm: Option<f64>,
+    /// Angle between the predicted and the found orientation, degrees.
+    pub from_prior_deg: f64,
+    /// Distance between the predicted and the found place of the view's centroid, mm.
+    pub from_prior_mm: f64,
+    /// Directions that the surfaces do not determine.
+    pub weak_direction_count: usize,
+}
+
+/// Who asked for a hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum HoldBy {
+    /// The operator at bladescan.
+    Operator,
+    /// Somebody at the robot.
+    Robot,
+    /// The program, on its way to the end of the run.
+    Ending,
+}
+
+/// How a run ended.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(tag = "how", rename_all = "kebab-case")]
+pub enum Ending {
+    /// Every planned view was taken or given up.
+    Finished,
+    /// The operator ended it.
+    Aborted,
+    /// A fault ended it.
+    Faulted {
+        /// The first one.
+        fault: Fault,
+    },
+}
+
+impl Event {
+    /// The event in words, one line.
+    pub fn words(&self) -> String {
+        match self {
+            Self::Started {
+                recipe,
+                station,
+                view_count,
+            } => format!("run begins: recipe {recipe}, station {station}, {view_count} views"),
+            Self::RobotIdentified { model, software, .. } => format!("robot: {model}, software {software}"),
+            Self::CameraReady {
+                model, serial, optics, ..
+            } => format!("camera: {model}, serial {serial}, optics {optics}"),
+            Self::RobotReady => "robot ready, servo power on".into(),
+            Self::MoveStarted { view_index, attempt } => format!("{}: moving", named(*view_index, *attempt)),
+            Self::Arrived { view_index, attempt } => format!("{}: in position", named(*view_index, *attempt)),
+            Self::Triggered { view_index, attempt } => format!("{}: exposing", named(*view_index, *attempt)),
+            Self::ExposureDone { view_index, attempt } => format!("{}: exposed", named(*view_index, *attempt)),
+            Self::FrameArrived {
+                view_index,
+                attempt,
+                valid_count,
+                ..
+            } => format!("{}: frame with {valid_count} points", named(*view_index, *attempt)),
+            Self::FrameFailed {
+                view_index,
+                attempt,
+                reason,
+                retaken,
+            } => format!(
+                "{}: no frame ({reason}); {}",
+                named(*view_index, *attempt),
+                if *retaken {
+                    "taking it again"
+                } else {
+                    "going on without it"
+                }
+            ),
+            Self::ViewPrepared {
+                view_index,
+                point_count,
+                ..
+            } => format!("view {view_index}: {point_count} points with normals"),
+            Self::ViewMerged {
+                view_index,
+                figures,
+                model_point_count,
+            } => format!(
+                "view {view_index}: merged{}; model {model_point_count} points",
+                figures.words()
+            ),
+            Self::ViewDiscarded {
+                view_index,
+                figures,
+                reason,
+            } => format!("view {view_index}: discarded, {reason}{}", figures.words()),
+            Self::ViewMissing { view_index, reason } => format!("view {view_index}: missing, {reason}"),
+            Self::HoldAsked { by } => match by {
+                HoldBy::Operator => "holding the arm, as the operator asked".into(),
+                HoldBy::Robot => "held at the robot".into(),
+                HoldBy::Ending => "holding the arm".into(),
+            },
+            Self::Held => "the arm is held and stands".into(),
+            Self::Resumed => "the run goes on".into(),
+            Self::AbortAsked => "ending the run, as the operator asked".into(),
+            Self::Faulted { fault } => format!("FAULT {fault}"),
+            Self::CameraCondition { status } => format!("camera state {}", status.state),
+            Self::Noted { text } => text.clone(),
+            Self::Ended { ending } => match ending {
+                Ending::Finished => "run finished".into(),
+                Ending::Aborted => "run aborted by the operator".into(),
+                Ending::Faulted { fault } => format!("run stopped by {fault}"),
+            },
+        }
+    }
+}
+
+impl ViewFigures {
+    fn words(&self) -> String {
+        match (self.overlap_fraction, self.rmse_mm) {
+            (Some(overlap), Some(rmse_mm)) => format!(
+                ", overlap {overlap:.3}, residual {rmse_mm:.4} mm, {:.3}° and {:.3} mm from the robot's pose",
+                self.from_prior_deg, self.from_prior_mm
+            ),
+            _ => String::new(),
+        }
+    }
+}
+
+fn named(view_index: usize, attempt: u16) -> String {
+    match attempt {
+        0 => format!("view {view_index}"),
+        _ => format!("view {view_index} (attempt {attempt})"),
+    }
+}

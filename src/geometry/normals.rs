@@ -1,0 +1,363 @@
+//! Surface normals, from the image grid a view was measured on or from the neighbours of each point.
+
+use nalgebra::{Matrix3, Point3, Vector3};
+use rayon::prelude::*;
+
+use super::PointCloud;
+use super::nearest::NearestPoints;
+
+/// How normals are taken from a grid.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GridNormals {
+    /// Half the window's width in pixels: 2 makes a 5 × 5 window.
+    pub half_window: usize,
+    /// A window pixel counts only if its depth differs from the middle's by at most this many times the distance to the
+    /// nearest measured pixel next to the middle. Larger differences are jumps between surfaces.
+    pub jump_factor: f64,
+    /// How many pixels of the window must count.
+    pub neighbour_min_count: usize,
+}
+
+impl Default for GridNormals {
+    fn default() -> Self {
+        Self {
+            half_window: 2,
+            jump_factor: 6.0,
+            neighbour_min_count: 8,
+        }
+    }
+}
+
+/// What [`normals_from_grid`] kept and dropped.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GridCloud {
+    /// The measured points with a reliable normal each, row by row.
+    pub cloud: PointCloud,
+    /// How many pixels held no finite point.
+    pub hole_count: usize,
+    /// How many measured points were dropped because too few neighbours lie on their surface (edges of the blade, lone
+    /// outliers).
+    pub unreliable_count: usize,
+}
+
+/// Turns an organised grid of points into a cloud with normals that face the camera.
+///
+/// `grid` is row-major, `width` points a row (a last, partial row is ignored), NaN where nothing was measured; `camera`
+/// is the centre of projection in the same frame (the origin for the camera's own frame). The normal is that of the
+/// least-squares plane of the window. Points without a reliable normal are dropped and counted: at depth jumps and rims
+/// structured light is biased, and registration weighs normals.
+pub fn normals_from_grid(grid: &[[f32; 3]], width: usize, camera: &Point3<f64>, settings: &GridNormals) -> GridCloud {
+    if width == 0 {
+        return GridCloud {
+            cloud: PointCloud::default(),
+            hole_count: 0,
+            unreliable_count: 0,
+        };
+    }
+    let height = grid.len() / width;
+    let grid = &grid[..height * width];
+    let rows: Vec<Row> = (0..height)
+        .into_par_iter()
+        .map(|row| grid_row(grid, width, height, row, camera, settings))
+        .collect();
+    let mut points = Vec::new();
+    let mut normals = Vec::new();
+    let (mut hole_count, mut unreliable_count) = (0, 0);
+    for row in rows {
+        points.extend(row.points);
+        normals.extend(row.normals);
+        hole_count += row.hole_count;
+        unreliable_count += row.unreliable_count;
+    }
+    let cloud = PointCloud::from_measured(points).cloud;
+    GridCloud {
+        cloud: cloud.with_normals(normals).unwrap_or_default(),
+        hole_count,
+        unreliable_count,
+    }
+}
+
+#[derive(Default)]
+struct Row {
+    points: Vec<Point3<f64>>,
+    normals: Vec<Vector3<f64>>,
+    hole_count: usize,
+    unreliable_count: usize,
+}
+
+fn grid_row(
+    grid: &[[f32; 3]],
+    width: usize,
+    height: usize,
+    row: usize,
+    camera: &Point3<f64>,
+    settings: &GridNormals,
+) -> Row {
+    let mut out = Row::default();
+    let half = settings.half_window;
+    let measured = |r: usize, c: usize| {
+        let [x, y, z] = grid[r * width + c];
+        let point = Vector3::new(f64::from(x), f64::from(y), f64::from(z));
+        (point.x + point.y + point.z).is_finite().then_some(point)
+    };
+    for column in 0..width {
+        let Some(middle) = measured(row, column) else {
+            out.hole_count += 1;
+            continue;
+        };
+        let mut step = f64::INFINITY;
+        for (r, c) in cross(row, column, width, height) {
+            if let Some(point) = measured(r, c) {
+                step = step.min((point - middle).norm_squared());
+            }
+        }
+        let sight = (middle - camera.coords).try_normalize(0.0).unwrap_or(Vector3::z());
+        let jump = settings.jump_factor * step.sqrt();
+        let mut moments = Moments::default();
+        if step.is_finite() {
+            for r in row.saturating_sub(half)..=(row + half).min(height - 1) {
+                for c in column.saturating_sub(half)..=(column + half).min(width - 1) {
+                    if let Some(point) = measured(r, c) {
+                        let offset = point - middle;
+                        if offset.dot(&sight).abs() <= jump {
+                            moments.add(&offset);
+                        }
+                    }
+                }
+            }
+        }
+        let plane = if moments.count > settings.neighbour_min_count {
+            moments.plane_normal()
+        } else {
+            None
+        };
+        match plane {
+            Some(normal) => {
+                let facing = if normal.dot(&sight) > 0.0 { -normal } else { normal };
+                out.points.push(Point3::from(middle));
+                out.normals.push(facing);
+            }
+            None => out.unreliable_count += 1,
+        }
+    }
+    out
+}
+
+fn cross(row: usize, column: usize, width: usize, height: usize) -> impl Iterator<Item = (usize, usize)> {
+    [
+        (row.wrapping_sub(1), column),
+        (row + 1, column),
+        (row, column.wrapping_sub(1)),
+        (row, column + 1),
+    ]
+    .into_iter()
+    .filter(move |&(r, c)| r < height && c < width)
+}
+
+/// Estimates one unit normal per point from its `neighbour_count` nearest points (the point itself among them).
+///
+/// The sign is arbitrary unless `viewpoint` is given: then the normals face it. A point whose neighbours lie on a line
+/// or in one place gets the direction to `viewpoint`, or z. Empty clouds stay empty.
+pub fn with_estimated_normals(
+    cloud: &PointCloud,
+    tree: &NearestPoints,
+    neighbour_count: usize,
+    viewpoint: Option<&Point3<f64>>,
+) -> PointCloud {
+    let points = cloud.points();
+    let normals: Vec<Vector3<f64>> = points
+        .par_iter()
+        .with_min_len(256)
+        .map(|point| {
+            let mut moments = Moments::default();
+            for found in tree.nearest_many(point, neighbour_count.max(3)) {
+                moments.add(&(points[found.index] - point));
+            }
+            let towards = viewpoint.map(|viewpoint| viewpoint - point);
+            let fallback = towards.and_then(|v| v.try_normalize(0.0)).unwrap_or(Vector3::z());
+            let normal = moments.plane_normal().unwrap_or(fallback);
+            match towards {
+                Some(towards) if normal.dot(&towards) < 0.0 => -normal,
+                _ => normal,
+            }
+        })
+        .collect();
+    cloud.clone().with_normals(normals).unwrap_or_else(|| cloud.clone())
+}
+
+/// How rough a surface is: the median, over the points at `indices`, of the standard deviation of the
+/// `neighbour_count` nearest points from their own plane. Noise and curvature both count; 0 without points.
+pub fn roughness(points: &[Point3<f64>], tree: &NearestPoints, indices: &[usize], neighbour_count: usize) -> f64 {
+    let mut spreads: Vec<f64> = indices
+        .par_iter()
+        .with_min_len(64)
+        .map(|&index| {
+            let mut moments = Moments::default();
+            for found in tree.nearest_many(&points[index], neighbour_count.max(4)) {
+                moments.add(&(points[found.index] - points[index]));
+            }
+            moments.covariance().symmetric_eigenvalues().min().max(0.0).sqrt()
+        })
+        .collect();
+    spreads.sort_by(f64::total_cmp);
+    spreads.get(spreads.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// First and second moments of offsets.
+#[derive(Default)]
+struct Moments {
+    count: usize,
+    sum: Vector3<f64>,
+    xx: f64,
+    xy: f64,
+    xz: f64,
+    yy: f64,
+    yz: f64,
+    zz: f64,
+}
+
+impl Moments {
+    #[inline]
+    fn add(&mut self, v: &Vector3<f64>) {
+        self.count += 1;
+        self.sum += v;
+        self.xx += v.x * v.x;
+        self.xy += v.x * v.y;
+        self.xz += v.x * v.z;
+        self.yy += v.y * v.y;
+        self.yz += v.y * v.z;
+        self.zz += v.z * v.z;
+    }
+
+    /// The direction of least spread; `None` if the offsets span no plane.
+    fn plane_normal(&self) -> Option<Vector3<f64>> {
+        if self.count < 3 {
+            return None;
+        }
+        smallest_direction(&self.covariance())
+    }
+
+    fn covariance(&self) -> Matrix3<f64> {
+        let n = self.count.max(1) as f64;
+        let m = self.sum / n;
+        Matrix3::new(
+            self.xx / n - m.x * m.x,
+            self.xy / n - m.x * m.y,
+            self.xz / n - m.x * m.z,
+            self.xy / n - m.x * m.y,
+            self.yy / n - m.y * m.y,
+            self.yz / n - m.y * m.z,
+            self.xz / n - m.x * m.z,
+            self.yz / n - m.y * m.z,
+            self.zz / n - m.z * m.z,
+        )
+    }
+}
+
+/// The unit eigenvector of the smallest eigenvalue of a covariance; `None` if the two smallest are nearly equal.
+///
+/// Closed form (trigonometric roots of the characteristic cubic, then the null space by cross products): a plane fit at
+/// every pixel is what normals cost.
+fn smallest_direction(covariance: &Matrix3<f64>) -> Option<Vector3<f64>> {
+    let scale = covariance.trace();
+    if scale <= 0.0 || scale.is_nan() {
+        return None;
+    }
+    let a = covariance / scale;
+    let mean = 1.0 / 3.0;
+    let shifted = a - Matrix3::identity() * mean;
+    let p = (shifted.norm_squared() / 6.0).sqrt();
+    if p < 1e-9 {
+        return None;
+    }
+    let r = (shifted.determinant() / (2.0 * p * p * p)).clamp(-1.0, 1.0);
+    let phi = r.acos() / 3.0;
+    let largest = mean + 2.0 * p * phi.cos();
+    let smallest = mean + 2.0 * p * (phi + 2.0 * std::f64::consts::FRAC_PI_3).cos();
+    let middle = 1.0 - largest - smallest;
+    if middle - smallest < MIDDLE_MIN_FRACTION * largest {
+        return None;
+    }
+    let m = a - Matrix3::identity() * smallest;
+    let (r0, r1, r2) = (m.column(0), m.column(1), m.column(2));
+    let candidates = [r0.cross(&r1), r0.cross(&r2), r1.cross(&r2)];
+    let mut best = candidates[0];
+    for candidate in &candidates[1..] {
+        if candidate.norm_squared() > best.norm_squared() {
+            best = *candidate;
+        }
+    }
+    best.try_normalize(1e-14)
+}
+
+/// Below this ratio of middle to largest spread the neighbours lie on a line and span no plane.
+const MIDDLE_MIN_FRACTION: f64 = 1e-3;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A plane tilted about y, seen from the origin, with a step to a second plane behind it.
+    fn stepped_grid(width: usize, height: usize) -> Vec<[f32; 3]> {
+        (0..width * height)
+            .map(|i| {
+                let (r, c) = (i / width, i % width);
+                let (x, y) = (c as f32 * 0.1 - 2.0, r as f32 * 0.1 - 2.0);
+                let behind = if c >= width / 2 { 30.0 } else { 0.0 };
+                if r == 3 && c == 3 {
+                    [f32::NAN; 3]
+                } else {
+                    [x, y, 500.0 + 0.5 * x + behind]
+                }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_grid_gives_normals_that_face_the_camera_and_do_not_bridge_jumps() {
+        let grid = stepped_grid(40, 40);
+        let out = normals_from_grid(&grid, 40, &Point3::origin(), &GridNormals::default());
+        assert_eq!(out.hole_count, 1);
+        assert_eq!(out.cloud.len() + out.hole_count + out.unreliable_count, 1600);
+        assert!(out.cloud.len() > 1500, "{}", out.cloud.len());
+        let expected = Vector3::new(0.5, 0.0, -1.0).normalize();
+        for normal in out.cloud.normals().unwrap() {
+            assert!((normal - expected).norm() < 1e-3, "{normal:?}");
+        }
+    }
+
+    #[test]
+    fn an_empty_or_holey_grid_gives_an_empty_cloud() {
+        let none = normals_from_grid(&[], 0, &Point3::origin(), &GridNormals::default());
+        assert!(none.cloud.is_empty());
+        let holes = normals_from_grid(&[[f32::NAN; 3]; 12], 4, &Point3::origin(), &GridNormals::default());
+        assert_eq!((holes.cloud.len(), holes.hole_count), (0, 12));
+    }
+
+    #[test]
+    fn neighbours_on_a_sphere_give_radial_normals() {
+        let points = (0..4000).map(|i| {
+            let z = 1.0 - 2.0 * (f64::from(i) + 0.5) / 4000.0;
+            let (sin, cos) = (f64::from(i) * 2.399_963).sin_cos();
+            let r = (1.0 - z * z).sqrt();
+            Point3::new(r * cos, r * sin, z)
+        });
+        let cloud = PointCloud::from_measured(points).cloud;
+        let tree = NearestPoints::new(cloud.points());
+        let with = with_estimated_normals(&cloud, &tree, 12, Some(&Point3::origin()));
+        for (point, normal) in with.points().iter().zip(with.normals().unwrap()) {
+            assert!(normal.dot(&point.coords) < -0.995);
+        }
+    }
+
+    #[test]
+    fn the_smallest_direction_agrees_with_the_eigen_decomposition() {
+        let m = Matrix3::new(2.0, 0.3, 0.1, 0.3, 1.0, 0.05, 0.1, 0.05, 0.02);
+        let eigen = m.symmetric_eigen();
+        let smallest = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned();
+        let found = smallest_direction(&m).unwrap();
+        assert!((found.dot(&smallest).abs() - 1.0).abs() < 1e-12);
+        assert_eq!(smallest_direction(&Matrix3::identity()), None);
+        assert_eq!(smallest_direction(&Matrix3::zeros()), None);
+    }
+}

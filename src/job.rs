@@ -1,0 +1,211 @@
+//! Jobs: the numeric work of a run, as pure functions of their input. The pool runs them; replay runs them again.
+
+use crate::camera::Capture;
+use crate::geometry::PointCloud;
+use crate::geometry::normals::{GridNormals, normals_from_grid};
+use crate::reconstruction::{Decision, Model, ViewRegistration, ViewSettings, register_view};
+use crate::registration::Stage;
+use crate::seed::{Seed, Stream};
+use nalgebra::{Isometry3, Point3};
+use serde::{Deserialize, Serialize};
+use sha2::{Digest as _, Sha256};
+use std::sync::Arc;
+
+/// Something to compute.
+#[derive(Debug, Clone)]
+pub enum Job {
+    /// A frame becomes a cloud with normals.
+    Prepare {
+        /// Which view.
+        view_index: usize,
+        /// Which attempt at it.
+        attempt: u16,
+        /// The frame.
+        capture: Arc<Capture>,
+    },
+    /// A view is registered to the model and merged if it may be.
+    Register(Box<RegisterJob>),
+}
+
+/// The input of [`Job::Register`].
+#[derive(Debug, Clone)]
+pub struct RegisterJob {
+    /// Which view.
+    pub view_index: usize,
+    /// Its cloud, camera frame, mm, with normals.
+    pub cloud: Arc<PointCloud>,
+    /// The model so far.
+    pub model: Arc<Model>,
+    /// `model_from_view` as predicted.
+    pub start: Isometry3<f64>,
+    /// How to register and when to merge.
+    pub settings: ViewSettings,
+    /// Points nearer than this become one, mm.
+    pub coincident_distance_mm: f64,
+    /// The run's seed.
+    pub seed: Seed,
+}
+
+/// What came of a job.
+#[derive(Debug, Clone)]
+pub enum JobOutput {
+    /// Of [`Job::Prepare`].
+    Prepared {
+        /// The cloud, camera frame, mm, with normals.
+        cloud: Arc<PointCloud>,
+        /// Valid pixels without a reliable surface direction, left out.
+        unreliable_count: usize,
+    },
+    /// Of [`Job::Register`].
+    Registered {
+        /// The registration and the decision.
+        registration: Box<ViewRegistration>,
+        /// The model with the view in it, if it was merged.
+        model: Option<Arc<Model>>,
+    },
+    /// A bug of ours.
+    Panicked {
+        /// What the panic said.
+        text: String,
+    },
+}
+
+/// How long a stage of a job took. Measured by whoever ran the job.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StageTime {
+    /// Which stage.
+    pub name: String,
+    /// How long.
+    pub ns: u64,
+}
+
+impl Job {
+    /// What it does, for people.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Prepare { .. } => "prepare",
+            Self::Register(_) => "register",
+        }
+    }
+
+    /// Which view it is about.
+    pub fn view_index(&self) -> usize {
+        match self {
+            Self::Prepare { view_index, .. } => *view_index,
+            Self::Register(job) => job.view_index,
+        }
+    }
+
+    /// Does it. `on_stage` is called with the stage's name when one ends, so that the caller can take the time.
+    pub fn run(&self, on_stage: &mut dyn FnMut(&str)) -> JobOutput {
+        match self {
+            Self::Prepare { capture, .. } => {
+                let grid = capture.grid_mm();
+                on_stage("decode");
+                let camera = Point3::origin();
+                let found = normals_from_grid(&grid, capture.width_px as usize, &camera, &GridNormals::default());
+                on_stage("normals");
+                JobOutput::Prepared {
+                    cloud: Arc::new(found.cloud),
+                    unreliable_count: found.unreliable_count,
+                }
+            }
+            Self::Register(job) => job.run(on_stage),
+        }
+    }
+}
+
+impl RegisterJob {
+    fn run(&self, on_stage: &mut dyn FnMut(&str)) -> JobOutput {
+        let stream = self.seed.stream(Stream::Sampling {
+            view_index: self.view_index as u32,
+        });
+        let registration = register_view(
+            &self.cloud,
+            &self.model,
+            &self.start,
+            &self.settings,
+            stream,
+            &mut |stage: &Stage| on_stage(stage.name),
+        );
+        let model = (registration.decision == Decision::Merge).then(|| {
+            let model_from_view = &registration.model_from_view;
+            let model = self
+                .model
+                .merged_with(&self.cloud, model_from_view, self.coincident_distance_mm);
+            Arc::new(model)
+        });
+        on_stage("merge");
+        JobOutput::Registered {
+            registration: Box::new(registration),
+            model,
+        }
+    }
+}
+
+impl JobOutput {
+    /// A fingerprint of every bit that follows from the job, for the journal.
+    pub fn digest(&self) -> String {
+        let mut hash = Sha256::new();
+        match self {
+            Self::Prepared {
+                cloud,
+                unreliable_count,
+            } => {
+                hash.update(b"prepared");
+                hash.update((*unreliable_count as u64).to_le_bytes());
+                update_cloud(&mut hash, cloud);
+            }
+            Self::Registered { registration, model } => {
+                hash.update(b"registered");
+                hash.update(format!("{:?}", registration.decision));
+                for value in crate::geometry::matrix_rows(&registration.model_from_view).as_flattened() {
+                    hash.update(value.to_bits().to_le_bytes());
+                }
+                if let Some(found) = &registration.registration {
+                    hash.update(found.rmse.to_bits().to_le_bytes());
+                    hash.update((found.overlap.count as u64).to_le_bytes());
+                    for value in found.covariance.iter().flat_map(|matrix| matrix.iter()) {
+                        hash.update(value.to_bits().to_le_bytes());
+                    }
+                }
+                if let Some(model) = model {
+                    for point in model.points() {
+                        for value in point.position.coords.iter().chain(point.normal.iter()) {
+                            hash.update(value.to_bits().to_le_bytes());
+                        }
+                        hash.update(point.weight.to_le_bytes());
+                    }
+                }
+            }
+            Self::Panicked { text } => {
+                hash.update(b"panicked");
+                hash.update(text);
+            }
+        }
+        hex(&hash.finalize())
+    }
+}
+
+fn update_cloud(hash: &mut Sha256, cloud: &PointCloud) {
+    for point in cloud.points() {
+        for value in &point.coords {
+            hash.update(value.to_bits().to_le_bytes());
+        }
+    }
+    for normal in cloud.normals().unwrap_or_default() {
+        for value in normal {
+            hash.update(value.to_bits().to_le_bytes());
+        }
+    }
+}
+
+/// Bytes as lower-case hexadecimal digits.
+pub fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// The SHA-256 of some bytes, in hexadecimal.
+pub fn sha256(bytes: &[u8]) -> String {
+    hex(&Sha256::digest(bytes))
+}

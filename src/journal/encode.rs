@@ -1,0 +1,184 @@
+//! Inputs and outputs of the controller as records, and inputs back.
+
+use super::{Record, Topic, viewer};
+use crate::camera::CameraOutput;
+use crate::controller::{Command, Input, Output};
+use crate::job::{StageTime, sha256};
+use crate::stamp::Stamp;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+/// An input as the recording has it. All but a finished job can be fed back as it is; of a job only the digest is
+/// kept, since replay runs it again.
+#[derive(Debug, Clone)]
+pub enum InputMemo {
+    /// The input itself.
+    Whole(Input),
+    /// A job ended with an output of this digest.
+    JobDone {
+        /// Which job.
+        job_id: u32,
+        /// Digest of its output.
+        digest: String,
+        /// How long its stages took.
+        times: Vec<StageTime>,
+    },
+}
+
+/// The JSON form of the inputs that are not plain bytes.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(tag = "input", rename_all = "kebab-case")]
+enum Written {
+    Begin,
+    Wake,
+    RobotUnreachable {
+        reason: String,
+    },
+    CameraConnected,
+    CameraClosed {
+        reason: String,
+    },
+    Operator {
+        command: Command,
+    },
+    JobDone {
+        job_id: u32,
+        digest: String,
+        times: Vec<StageTime>,
+    },
+    JournalFailed {
+        reason: String,
+    },
+}
+
+/// The record of an input.
+pub fn input_record(stamp: Stamp, input: &Input) -> Record {
+    let (topic, payload) = match input {
+        Input::RobotDatagram(bytes) => (Topic::RobotReceived, bytes.clone()),
+        Input::CameraBytes(bytes) => (Topic::CameraReceived, bytes.clone()),
+        other => (Topic::Input, json_bytes(&written(other))),
+    };
+    Record { topic, stamp, payload }
+}
+
+fn written(input: &Input) -> Written {
+    match input {
+        Input::Begin => Written::Begin,
+        Input::Wake => Written::Wake,
+        Input::RobotUnreachable { reason } => Written::RobotUnreachable { reason: reason.clone() },
+        Input::CameraConnected => Written::CameraConnected,
+        Input::CameraClosed { reason } => Written::CameraClosed { reason: reason.clone() },
+        Input::Operator(command) => Written::Operator { command: *command },
+        Input::JobDone { job_id, output, times } => Written::JobDone {
+            job_id: *job_id,
+            digest: output.digest(),
+            times: times.clone(),
+        },
+        Input::JournalFailed { reason } => Written::JournalFailed { reason: reason.clone() },
+        Input::RobotDatagram(_) | Input::CameraBytes(_) => unreachable!("bytes have topics of their own"),
+    }
+}
+
+/// Reads an input back; `None` if the record is not one, or its JSON makes no sense.
+pub fn read_input(record: &Record) -> Option<InputMemo> {
+    let bytes = record.payload.clone();
+    let input = match record.topic {
+        Topic::RobotReceived => Input::RobotDatagram(bytes),
+        Topic::CameraReceived => Input::CameraBytes(bytes),
+        Topic::Input => match serde_json::from_slice(&bytes).ok()? {
+            Written::Begin => Input::Begin,
+            Written::Wake => Input::Wake,
+            Written::RobotUnreachable { reason } => Input::RobotUnreachable { reason },
+            Written::CameraConnected => Input::CameraConnected,
+            Written::CameraClosed { reason } => Input::CameraClosed { reason },
+            Written::Operator { command } => Input::Operator(command),
+            Written::JournalFailed { reason } => Input::JournalFailed { reason },
+            Written::JobDone { job_id, digest, times } => {
+                return Some(InputMemo::JobDone { job_id, digest, times });
+            }
+        },
+        _ => return None,
+    };
+    Some(InputMemo::Whole(input))
+}
+
+/// The records of an output. `start_unix_ns` dates the viewer's messages.
+pub fn output_records(stamp: Stamp, output: &Output, start_unix_ns: u64) -> Vec<Record> {
+    let record = |topic, payload| Record { topic, stamp, payload };
+    let output_record = |value: Value| record(Topic::Output, json_bytes(&value));
+    let unix_ns = start_unix_ns + stamp.ns;
+    match output {
+        Output::Robot(datagram) => vec![record(Topic::RobotSent, datagram.bytes.clone())],
+        Output::Camera(CameraOutput::Bytes { bytes, .. }) => vec![record(Topic::CameraSent, bytes.clone())],
+        Output::Camera(CameraOutput::Connect) => vec![output_record(json!({ "output": "camera-connect" }))],
+        Output::Camera(CameraOutput::Close) => vec![output_record(json!({ "output": "camera-close" }))],
+        Output::Job { job_id, job } => vec![output_record(json!({
+            "output": "job",
+            "job_id": job_id,
+            "name": job.name(),
+            "view_index": job.view_index(),
+        }))],
+        Output::Event(event) => vec![
+            record(Topic::Event, json_bytes(event)),
+            record(Topic::Log, viewer::log(unix_ns, event)),
+        ],
+        Output::ViewCloud { view_index, cloud } => vec![record(
+            Topic::ViewCloud,
+            viewer::cloud(unix_ns, &viewer::view_frame(*view_index), cloud.points().iter()),
+        )],
+        Output::ViewPose {
+            view_index,
+            model_from_view,
+        } => vec![record(
+            Topic::Transform,
+            viewer::transform(unix_ns, &viewer::view_frame(*view_index), model_from_view),
+        )],
+        Output::Model(model) => vec![record(
+            Topic::Model,
+            viewer::cloud(
+                unix_ns,
+                viewer::MODEL_FRAME,
+                model.points().iter().map(|point| &point.position),
+            ),
+        )],
+        Output::File { name, bytes } => vec![output_record(json!({
+            "output": "file",
+            "name": name,
+            "bytes": bytes.len(),
+            "sha256": sha256(bytes),
+        }))],
+    }
+}
+
+fn json_bytes(value: &impl Serialize) -> Vec<u8> {
+    serde_json::to_vec(value).expect("these types always have a JSON text")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_input_but_a_job_reads_back_as_it_was() {
+        let inputs = [
+            Input::Begin,
+            Input::Wake,
+            Input::RobotDatagram(vec![1, 2, 3]),
+            Input::RobotUnreachable {
+                reason: "refused".into(),
+            },
+            Input::CameraConnected,
+            Input::CameraBytes(vec![0; 5]),
+            Input::CameraClosed { reason: "end".into() },
+            Input::Operator(Command::Hold),
+            Input::JournalFailed { reason: "full".into() },
+        ];
+        for input in inputs {
+            let record = input_record(Stamp::START, &input);
+            let Some(InputMemo::Whole(back)) = read_input(&record) else {
+                panic!("{input:?} did not read back");
+            };
+            assert_eq!(format!("{back:?}"), format!("{input:?}"));
+        }
+    }
+}

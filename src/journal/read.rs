@@ -1,0 +1,191 @@
+//! Reading a recording back.
+
+use super::{RECIPE_ATTACHMENT, RUN_METADATA, Record, STATION_ATTACHMENT, Topic};
+use crate::controller::Header;
+use crate::stamp::Stamp;
+use mcap::McapError;
+use mcap::MessageStream;
+use mcap::read::{LinearReader, Options};
+use thiserror::Error;
+
+/// A recording in memory.
+#[derive(Debug)]
+pub struct Recording<'a> {
+    bytes: &'a [u8],
+    header: Header,
+    start_unix_ns: u64,
+    recipe_text: String,
+    station_text: String,
+}
+
+/// Why a file is not a recording of ours.
+#[derive(Debug, Error)]
+pub enum ReadError {
+    /// Not an MCAP file, or a damaged one.
+    #[error("not a readable MCAP file: {0}")]
+    Mcap(#[from] McapError),
+    /// An MCAP file, but not of a bladescan run.
+    #[error("an MCAP file without {0}: not a recording of bladescan")]
+    Missing(&'static str),
+    /// A topic of another program.
+    #[error("topic {0} is not one of bladescan's")]
+    Topic(String),
+}
+
+impl<'a> Recording<'a> {
+    /// Reads what describes the run. The file may lack its end (a killed process).
+    pub fn open(bytes: &'a [u8]) -> Result<Self, ReadError> {
+        let (mut run, mut recipe_text, mut station_text) = (None, None, None);
+        for record in LinearReader::new_with_options(bytes, Options::IgnoreEndMagic.into())? {
+            match record {
+                Ok(mcap::records::Record::Metadata(metadata)) if metadata.name == RUN_METADATA => {
+                    run = Some(metadata.metadata)
+                }
+                Ok(mcap::records::Record::Attachment { header, data, .. }) => {
+                    let text = Some(String::from_utf8_lossy(&data).into_owned());
+                    match header.name.as_str() {
+                        RECIPE_ATTACHMENT => recipe_text = text,
+                        STATION_ATTACHMENT => station_text = text,
+                        _ => {}
+                    }
+                }
+                Ok(_) => {}
+                Err(error) if run.is_none() || station_text.is_none() => return Err(error.into()),
+                Err(_) => break,
+            }
+            if run.is_some() && recipe_text.is_some() && station_text.is_some() {
+                break;
+            }
+        }
+        let run = run.ok_or(ReadError::Missing("the metadata of a run"))?;
+        let header = run.get("header").and_then(|text| serde_json::from_str(text).ok());
+        let start = run.get("start_unix_ns").and_then(|text| text.parse().ok());
+        Ok(Self {
+            bytes,
+            header: header.ok_or(ReadError::Missing("a readable run header"))?,
+            start_unix_ns: start.ok_or(ReadError::Missing("the time the run began"))?,
+            recipe_text: recipe_text.ok_or(ReadError::Missing("its recipe"))?,
+            station_text: station_text.ok_or(ReadError::Missing("its station"))?,
+        })
+    }
+
+    /// What names the run.
+    pub fn header(&self) -> &Header {
+        &self.header
+    }
+
+    /// When the run began, nanoseconds since 1970 UTC.
+    pub fn start_unix_ns(&self) -> u64 {
+        self.start_unix_ns
+    }
+
+    /// The recipe, word for word.
+    pub fn recipe_text(&self) -> &str {
+        &self.recipe_text
+    }
+
+    /// The station, word for word.
+    pub fn station_text(&self) -> &str {
+        &self.station_text
+    }
+
+    /// The records in the order in which they were written.
+    pub fn records(&self) -> Result<impl Iterator<Item = Result<Record, ReadError>> + use<'a>, ReadError> {
+        let start_unix_ns = self.start_unix_ns;
+        let stream = MessageStream::new_with_options(self.bytes, Options::IgnoreEndMagic.into())?;
+        Ok(stream.map(move |message| {
+            let message = message?;
+            let topic = Topic::from_name(&message.channel.topic)
+                .ok_or_else(|| ReadError::Topic(message.channel.topic.clone()))?;
+            Ok(Record {
+                topic,
+                stamp: Stamp {
+                    ns: message.log_time.saturating_sub(start_unix_ns),
+                },
+                payload: message.data.into_owned(),
+            })
+        }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Writer, pack};
+    use super::*;
+    use crate::seed::Seed;
+    use std::io::Cursor;
+
+    fn header() -> Header {
+        Header {
+            version: "0".into(),
+            target: "t".into(),
+            seed: Seed(7),
+            recipe: "r".into(),
+            station: "s".into(),
+            simulated: true,
+            part: None,
+            started_utc: "2026-01-01T00:00:00Z".into(),
+            view_count: Some(3),
+        }
+    }
+
+    fn records() -> Vec<Record> {
+        Topic::ALL
+            .into_iter()
+            .enumerate()
+            .map(|(index, topic)| Record {
+                topic,
+                stamp: Stamp { ns: index as u64 },
+                payload: vec![index as u8; index],
+            })
+            .collect()
+    }
+
+    fn written() -> Vec<u8> {
+        let mut writer = Writer::begin(Cursor::new(Vec::new()), &header(), 1_000, "recipe", "station").unwrap();
+        for record in records() {
+            writer.write(&record).unwrap();
+        }
+        writer.finish().unwrap().into_inner()
+    }
+
+    fn read(bytes: &[u8]) -> Vec<Record> {
+        let recording = Recording::open(bytes).unwrap();
+        assert_eq!(recording.header(), &header());
+        assert_eq!(
+            (recording.recipe_text(), recording.station_text()),
+            ("recipe", "station")
+        );
+        recording.records().unwrap().collect::<Result<_, _>>().unwrap()
+    }
+
+    #[test]
+    fn a_recording_reads_back_and_packing_changes_none_of_its_records() {
+        let plain = written();
+        assert_eq!(read(&plain), records());
+        let packed = pack(&Recording::open(&plain).unwrap(), Cursor::new(Vec::new()))
+            .unwrap()
+            .into_inner();
+        assert_eq!(read(&packed), records());
+        assert!(mcap::Summary::read(&packed).unwrap().unwrap().stats.is_some());
+    }
+
+    #[test]
+    fn the_records_before_a_cut_are_still_there() {
+        let plain = written();
+        let cut = &plain[..plain.len() / 2];
+        let recording = Recording::open(cut).unwrap();
+        let found: Vec<Record> = recording.records().unwrap().map_while(Result::ok).collect();
+        assert!(records().starts_with(&found));
+    }
+
+    #[test]
+    fn other_files_are_refused_with_a_reason() {
+        assert!(matches!(Recording::open(b"not mcap"), Err(ReadError::Mcap(_))));
+        let foreign = mcap::Writer::new(Cursor::new(Vec::new())).unwrap();
+        let mut foreign = foreign;
+        foreign.finish().unwrap();
+        let bytes = foreign.into_inner().into_inner();
+        assert!(matches!(Recording::open(&bytes), Err(ReadError::Missing(_))));
+    }
+}

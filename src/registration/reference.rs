@@ -1,0 +1,203 @@
+//! A cloud prepared to be registered to.
+
+use nalgebra::{Isometry3, Point3, Vector3};
+use rayon::prelude::*;
+
+use crate::geometry::PointCloud;
+use crate::geometry::nearest::{NearestPoints, Neighbour};
+use crate::geometry::normals::{roughness, with_estimated_normals};
+use crate::geometry::sampling::even_indices;
+
+/// A fixed cloud with normals, a search tree and its scale, ready to be registered to (the paper's Y).
+pub struct Reference {
+    cloud: PointCloud,
+    oriented: bool,
+    tree: NearestPoints,
+    spacing: f64,
+    centroid: Point3<f64>,
+    radius: f64,
+    roughness: f64,
+}
+
+/// Why clouds cannot be registered.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum RegisterError {
+    /// There are not enough points to determine a motion.
+    #[error("a cloud of {count} points cannot be registered; it needs at least {needed}")]
+    TooFewPoints {
+        /// How many points there are.
+        count: usize,
+        /// How many are needed.
+        needed: usize,
+    },
+    /// All points coincide.
+    #[error("a cloud of {count} points in one place cannot be registered")]
+    NoExtent {
+        /// How many points there are.
+        count: usize,
+    },
+}
+
+/// The least number of points of a cloud that is registered.
+pub const POINT_MIN_COUNT: usize = 10;
+
+impl Reference {
+    /// Prepares `cloud`: builds the tree, measures the spacing, and estimates normals if there are none.
+    ///
+    /// Normals that are given are taken to face the sensor; estimated ones have no meaningful sign, and then only the
+    /// angle between the two surfaces' tangent planes counts.
+    ///
+    /// # Errors
+    /// When there are fewer than [`POINT_MIN_COUNT`] points or all of them coincide.
+    pub fn new(cloud: &PointCloud) -> Result<Self, RegisterError> {
+        let count = cloud.len();
+        if count < POINT_MIN_COUNT {
+            return Err(RegisterError::TooFewPoints {
+                count,
+                needed: POINT_MIN_COUNT,
+            });
+        }
+        let centroid = cloud.centroid();
+        let radius = rms_radius(cloud.points(), &centroid);
+        if radius <= 0.0 || !radius.is_finite() {
+            return Err(RegisterError::NoExtent { count });
+        }
+        let tree = NearestPoints::new(cloud.points());
+        let spacing = median_spacing(cloud.points(), &tree, radius);
+        let roughness = roughness_of(cloud.points(), &tree);
+        let oriented = cloud.normals().is_some();
+        let cloud = if oriented {
+            cloud.clone()
+        } else {
+            with_estimated_normals(cloud, &tree, NORMAL_NEIGHBOUR_COUNT, None)
+        };
+        Ok(Self {
+            cloud,
+            oriented,
+            tree,
+            spacing,
+            centroid,
+            radius,
+            roughness,
+        })
+    }
+
+    /// The points and their normals.
+    pub fn cloud(&self) -> &PointCloud {
+        &self.cloud
+    }
+
+    /// The points.
+    pub fn points(&self) -> &[Point3<f64>] {
+        self.cloud.points()
+    }
+
+    /// The unit normals, one per point.
+    pub fn normals(&self) -> &[Vector3<f64>] {
+        self.cloud.normals().unwrap_or(&[])
+    }
+
+    /// Whether the normals were given with the cloud, so that their sign tells the sides of a thin wall apart.
+    pub fn is_oriented(&self) -> bool {
+        self.oriented
+    }
+
+    /// The median distance from a point to its nearest other point, in the cloud's unit; always positive.
+    pub fn spacing(&self) -> f64 {
+        self.spacing
+    }
+
+    /// The mean of the points.
+    pub fn centroid(&self) -> Point3<f64> {
+        self.centroid
+    }
+
+    /// The root mean square distance of the points from their centroid; always positive.
+    pub fn radius(&self) -> f64 {
+        self.radius
+    }
+
+    /// How far the points scatter about their local planes (median standard deviation), in the cloud's unit: the noise,
+    /// or the curvature where that is larger.
+    pub fn roughness(&self) -> f64 {
+        self.roughness
+    }
+
+    /// The overlap distance used when none is given: three times the spacing.
+    pub fn default_overlap_distance(&self) -> f64 {
+        3.0 * self.spacing
+    }
+
+    /// The nearest reference point to `query`; `None` for a query that is not finite.
+    pub fn nearest(&self, query: &Point3<f64>) -> Option<Neighbour> {
+        self.tree.nearest(query)
+    }
+
+    /// The reference seen from another frame.
+    ///
+    /// # Errors
+    /// Never for a rigid motion of finite numbers; the same as [`Reference::new`] otherwise.
+    pub fn transformed(&self, target_from_source: &Isometry3<f64>) -> Result<Self, RegisterError> {
+        let mut moved = Self::new(&self.cloud.transformed(target_from_source))?;
+        moved.oriented = self.oriented;
+        Ok(moved)
+    }
+}
+
+/// The root mean square distance of `points` from `centre`.
+pub(super) fn rms_radius(points: &[Point3<f64>], centre: &Point3<f64>) -> f64 {
+    let sum: f64 = points.iter().map(|point| (point - centre).norm_squared()).sum();
+    (sum / points.len().max(1) as f64).sqrt()
+}
+
+/// The roughness of a cloud, from a few hundred points spread over it.
+pub(super) fn roughness_of(points: &[Point3<f64>], tree: &NearestPoints) -> f64 {
+    let indices = even_indices(points.len(), ROUGHNESS_SAMPLE_COUNT);
+    roughness(points, tree, &indices, NORMAL_NEIGHBOUR_COUNT)
+}
+
+/// The median distance to the nearest other place, over at most a thousand points spread over the list.
+fn median_spacing(points: &[Point3<f64>], tree: &NearestPoints, radius: f64) -> f64 {
+    let mut distances: Vec<f64> = even_indices(points.len(), SPACING_SAMPLE_COUNT)
+        .par_iter()
+        .filter_map(|&index| {
+            tree.nearest_many(&points[index], 4)
+                .into_iter()
+                .map(|found| found.distance)
+                .find(|&distance| distance > 0.0)
+        })
+        .collect();
+    distances.sort_by(f64::total_cmp);
+    distances
+        .get(distances.len() / 2)
+        .copied()
+        .unwrap_or(radius / (points.len() as f64).sqrt())
+}
+
+const SPACING_SAMPLE_COUNT: usize = 1000;
+const ROUGHNESS_SAMPLE_COUNT: usize = 500;
+/// Neighbours in a plane fit of an unorganised cloud.
+const NORMAL_NEIGHBOUR_COUNT: usize = 20;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn too_few_or_coinciding_points_are_refused() {
+        let cloud = |n: usize, step: f64| {
+            PointCloud::from_measured((0..n).map(|i| Point3::new(step * i as f64, 0.0, 0.0))).cloud
+        };
+        assert_eq!(
+            Reference::new(&cloud(9, 1.0)).err(),
+            Some(RegisterError::TooFewPoints { count: 9, needed: 10 })
+        );
+        assert_eq!(
+            Reference::new(&cloud(12, 0.0)).err(),
+            Some(RegisterError::NoExtent { count: 12 })
+        );
+        let reference = Reference::new(&cloud(12, 2.0)).unwrap();
+        assert_eq!(reference.spacing(), 2.0);
+        assert_eq!(reference.centroid(), Point3::new(11.0, 0.0, 0.0));
+    }
+}

@@ -1,0 +1,398 @@
+//! The course of one registration: candidates, their refinement, and the choice.
+
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use rand_chacha::ChaCha8Rng;
+
+use super::consistency::{residuals, score};
+use super::icp::{Problem, Refined, Sample, finish};
+use super::mpe::descend;
+use super::nfi::minimum;
+use super::reference::{rms_radius, roughness_of};
+use super::{FineStage, Overlap, POINT_MIN_COUNT, Reference, Registration, Search, Settings, Stage, Status};
+use crate::geometry::PointCloud;
+use crate::geometry::nearest::NearestPoints;
+use crate::geometry::normals::with_estimated_normals;
+use crate::geometry::sampling::random_indices;
+
+pub(super) fn run(
+    template: &PointCloud,
+    reference: &Reference,
+    start: &Isometry3<f64>,
+    settings: &Settings,
+    mut rng: ChaCha8Rng,
+    on_stage: &mut dyn FnMut(&Stage),
+) -> Registration {
+    let overlap_distance = settings
+        .overlap_distance
+        .unwrap_or(reference.default_overlap_distance());
+    let centroid = template.centroid();
+    let radius = rms_radius(template.points(), &centroid);
+    let last_level = settings.icp.levels.last();
+    let (Some(last_level), true) = (last_level, template.len() >= POINT_MIN_COUNT && radius > 0.0) else {
+        let (overlap, rmse) = residuals(template, reference, start, overlap_distance);
+        return Registration::failed(start, overlap, rmse);
+    };
+    let mut stages = Stages {
+        ended: Vec::new(),
+        on_stage,
+    };
+    let given_normals = template.normals().is_some();
+    let tree = NearestPoints::new(template.points());
+    let roughness = reference.roughness().hypot(roughness_of(template.points(), &tree));
+    let work = Work {
+        template: with_normals(template, &tree),
+        roughness,
+        reference,
+        problem: Problem {
+            reference,
+            centroid,
+            radius,
+            oriented: given_normals && reference.is_oriented(),
+            metric: settings.icp.metric,
+            trimming: settings.icp.trimming,
+        },
+        settings,
+    };
+    let judge = work.sample(JUDGE_COUNT, &mut rng);
+    stages.end("prepare", 0);
+
+    let mut candidates = vec![*start];
+    let mpe_iterations = work.add_candidates(start, &mut candidates, &mut rng);
+    stages.end("mpe", mpe_iterations);
+
+    let judge_reach = (JUDGE_SPACINGS * reference.spacing()).max(overlap_distance);
+    let coarse_levels = &settings.icp.levels[..settings.icp.levels.len() - 1];
+    let samples: Vec<Sample> = coarse_levels
+        .iter()
+        .map(|level| work.sample(level.sample_count, &mut rng))
+        .collect();
+    let mut coarse_iterations = 0;
+    let mut refined: Vec<Candidate> = Vec::new();
+    for &candidate in &candidates {
+        let mut pose = candidate;
+        for (index, (level, sample)) in coarse_levels.iter().zip(&samples).enumerate() {
+            let end_reach = settings.icp.levels[index + 1].reach_factor * radius;
+            if let Some(found) = work.problem.refine(sample, &pose, level, end_reach, &[]) {
+                pose = found.pose;
+                coarse_iterations += found.iterations;
+            }
+        }
+        refined.push(Candidate {
+            pose,
+            score: score(&judge, reference, &pose, judge_reach, work.problem.oriented),
+        });
+    }
+    let chosen = choose(&refined);
+    let rivals = rivals(&refined, chosen);
+    stages.end("coarse", coarse_iterations);
+
+    let fine_sample = work.sample(last_level.sample_count, &mut rng);
+    let start_score = score(&judge, reference, start, judge_reach, work.problem.oriented);
+    let noisy = work.is_noisy();
+    let fine = if noisy {
+        candidates.extend(refined.iter().map(|candidate| candidate.pose));
+        work.fine_of_noisy(&fine_sample, &candidates, &mut rng)
+    } else {
+        let pose = &refined[chosen].pose;
+        finish(
+            &work.problem,
+            &fine_sample,
+            pose,
+            start,
+            last_level,
+            settings.weak_directions,
+        )
+    };
+    // The score needs surfaces; among noise the energy has chosen.
+    let no_worse =
+        |pose| noisy || score(&judge, reference, pose, judge_reach, work.problem.oriented) >= start_score - WORSE;
+    let mut outcome = match fine {
+        Some(fine) if no_worse(&fine.pose) => {
+            let (overlap, rmse) = residuals(template, reference, &fine.pose, overlap_distance);
+            stages.end("fine", fine.iterations);
+            let status = if overlap.fraction < settings.overlap_min_fraction {
+                Status::Failed
+            } else if rmse > settings.residual_max_factor * work.roughness
+                || (!noisy && work.is_ambiguous(&rivals, &fine))
+            {
+                Status::Ambiguous
+            } else if fine.determination.weak.is_empty() {
+                Status::Converged
+            } else {
+                Status::Weak
+            };
+            Registration {
+                reference_from_template: if status == Status::Failed { *start } else { fine.pose },
+                status,
+                overlap,
+                rmse,
+                covariance: fine.determination.covariance,
+                weak_directions: fine.determination.weak.into_iter().map(|(_, weak)| weak).collect(),
+                stages: Vec::new(),
+            }
+        }
+        _ => {
+            stages.end("fine", 0);
+            Registration::failed(
+                start,
+                Overlap {
+                    count: 0,
+                    fraction: 0.0,
+                },
+                0.0,
+            )
+        }
+    };
+    if outcome.status == Status::Failed {
+        (outcome.overlap, outcome.rmse) = residuals(template, reference, start, overlap_distance);
+        outcome.covariance = None;
+    }
+    outcome.stages = stages.ended;
+    outcome
+}
+
+struct Candidate {
+    pose: Isometry3<f64>,
+    score: f64,
+}
+
+struct Stages<'a> {
+    ended: Vec<Stage>,
+    on_stage: &'a mut dyn FnMut(&Stage),
+}
+
+impl Stages<'_> {
+    fn end(&mut self, name: &'static str, iterations: u32) {
+        let stage = Stage { name, iterations };
+        (self.on_stage)(&stage);
+        self.ended.push(stage);
+    }
+}
+
+struct Work<'a> {
+    template: PointCloud,
+    reference: &'a Reference,
+    problem: Problem<'a>,
+    settings: &'a Settings,
+    /// Of both clouds together, in their unit.
+    roughness: f64,
+}
+
+impl Work<'_> {
+    fn sample(&self, count: usize, rng: &mut ChaCha8Rng) -> Sample {
+        let picked = self.template.select(&random_indices(self.template.len(), count, rng));
+        Sample {
+            points: picked.points().to_vec(),
+            normals: picked.normals().map(<[_]>::to_vec).unwrap_or_default(),
+        }
+    }
+
+    /// Adds what MPE comes to from the start and, if so wished, from rotations all over SO(3).
+    fn add_candidates(
+        &self,
+        start: &Isometry3<f64>,
+        candidates: &mut Vec<Isometry3<f64>>,
+        rng: &mut ChaCha8Rng,
+    ) -> u32 {
+        let settings = self.settings;
+        let count = settings.sample_count;
+        let sample = self.sample(count, rng).points;
+        let near = match settings.search {
+            Search::StartOnly => return 0,
+            Search::NearPart { reach_factor } => self.reference_near(start, reach_factor, count, rng),
+            Search::Near | Search::Everywhere => self.reference_sample(count, rng),
+        };
+        let descent = descend(&sample, &near, start, &settings.mpe);
+        candidates.push(descent.reference_from_template);
+        let mut iterations = descent.iterations;
+        if settings.search == Search::Everywhere {
+            let thin = |points: &[Point3<f64>]| points.iter().copied().take(GLOBAL_COUNT).collect::<Vec<_>>();
+            let few = thin(&self.sample(GLOBAL_COUNT, rng).points);
+            let whole = thin(&self.reference_sample(GLOBAL_COUNT, rng));
+            let mut descents: Vec<_> = spread_rotations()
+                .into_iter()
+                .map(|turn| {
+                    let pose = Translation3::from(self.reference.centroid().coords)
+                        * turn
+                        * Translation3::from(-self.problem.centroid.coords);
+                    let descent = descend(&few, &whole, &pose, &settings.mpe);
+                    iterations += descent.iterations;
+                    descent
+                })
+                .collect();
+            descents.sort_by(|a, b| a.energy.total_cmp(&b.energy));
+            let limit = candidates.len() + GLOBAL_KEPT_COUNT;
+            for descent in descents {
+                let pose = descent.reference_from_template;
+                let known = candidates
+                    .iter()
+                    .any(|other| !distinct(other, &pose, &self.problem.centroid, self.problem.radius));
+                if !known && candidates.len() < limit {
+                    candidates.push(pose);
+                }
+            }
+        }
+        iterations
+    }
+
+    fn reference_sample(&self, count: usize, rng: &mut ChaCha8Rng) -> Vec<Point3<f64>> {
+        let points = self.reference.points();
+        random_indices(points.len(), count, rng)
+            .into_iter()
+            .map(|index| points[index])
+            .collect()
+    }
+
+    /// A sample of the reference near the template at the start; of all of it if hardly any is near.
+    fn reference_near(
+        &self,
+        start: &Isometry3<f64>,
+        reach_factor: f64,
+        count: usize,
+        rng: &mut ChaCha8Rng,
+    ) -> Vec<Point3<f64>> {
+        let placed: Vec<Point3<f64>> = self
+            .sample(NEAR_TEMPLATE_COUNT, rng)
+            .points
+            .iter()
+            .map(|point| start * point)
+            .collect();
+        let tree = NearestPoints::new(&placed);
+        let reach = reach_factor * self.problem.radius;
+        let near: Vec<Point3<f64>> = self
+            .reference_sample(NEAR_REFERENCE_FACTOR * count, rng)
+            .into_iter()
+            .filter(|point| tree.nearest_within(point, reach).is_some())
+            .collect();
+        if near.len() < count / 4 {
+            return self.reference_sample(count, rng);
+        }
+        random_indices(near.len(), count, rng)
+            .into_iter()
+            .map(|index| near[index])
+            .collect()
+    }
+
+    /// Whether a rival differs clearly from the solution, other than along a direction that is known to be weak.
+    fn is_ambiguous(&self, rivals: &[Isometry3<f64>], fine: &Refined) -> bool {
+        let weak: Vec<_> = fine.determination.weak.iter().map(|(scaled, _)| *scaled).collect();
+        rivals.iter().any(|rival| {
+            let rival = self.problem.without(&fine.pose, rival, &weak);
+            distinct(&rival, &fine.pose, &self.problem.centroid, self.problem.radius)
+        })
+    }
+
+    /// Whether the fine stage is full-sample NFI.
+    fn is_noisy(&self) -> bool {
+        match self.settings.fine {
+            FineStage::Automatic => self.roughness > NOISY_SPACINGS * self.reference.spacing(),
+            FineStage::TrimmedIcp => false,
+            FineStage::FullSampleNfi => true,
+        }
+    }
+
+    fn fine_of_noisy(
+        &self,
+        fine_sample: &Sample,
+        candidates: &[Isometry3<f64>],
+        rng: &mut ChaCha8Rng,
+    ) -> Option<Refined> {
+        let sample = self.sample(NFI_COUNT, rng).points;
+        let reference = self.reference_sample(NFI_COUNT, rng);
+        let found = minimum(&sample, &reference, candidates, self.roughness)?;
+        let reach = (3.0 * self.roughness).max(self.reference.default_overlap_distance());
+        Some(Refined {
+            pose: found.pose,
+            iterations: found.iterations,
+            determination: self.problem.assess(fine_sample, &found.pose, reach)?,
+        })
+    }
+}
+
+fn with_normals(cloud: &PointCloud, tree: &NearestPoints) -> PointCloud {
+    if cloud.normals().is_some() {
+        return cloud.clone();
+    }
+    with_estimated_normals(cloud, tree, NORMAL_NEIGHBOUR_COUNT, None)
+}
+
+/// The candidate with the best score; an earlier one unless a later one is clearly better, so the start has precedence.
+fn choose(candidates: &[Candidate]) -> usize {
+    let mut best = 0;
+    for (index, candidate) in candidates.iter().enumerate() {
+        if candidate.score > candidates[best].score + CLEARLY {
+            best = index;
+        }
+    }
+    best
+}
+
+/// The other poses that score about as well as the chosen one.
+fn rivals(candidates: &[Candidate], chosen: usize) -> Vec<Isometry3<f64>> {
+    let enough = AMBIGUOUS_FRACTION * candidates[chosen].score;
+    candidates
+        .iter()
+        .filter(|other| other.score >= enough)
+        .map(|other| other.pose)
+        .collect()
+}
+
+fn distinct(a: &Isometry3<f64>, b: &Isometry3<f64>, centroid: &Point3<f64>, radius: f64) -> bool {
+    let turn = (a.rotation.inverse() * b.rotation).angle();
+    let shift = (a * centroid - b * centroid).norm();
+    turn > DISTINCT_RAD || shift > DISTINCT_FACTOR * radius
+}
+
+/// The 24 rotations of a cube: no rotation is more than 63 degrees from one of them.
+fn spread_rotations() -> Vec<UnitQuaternion<f64>> {
+    let quarter = std::f64::consts::FRAC_PI_2;
+    let faces = [
+        UnitQuaternion::identity(),
+        UnitQuaternion::from_axis_angle(&Vector3::x_axis(), quarter),
+        UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 2.0 * quarter),
+        UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 3.0 * quarter),
+        UnitQuaternion::from_axis_angle(&Vector3::y_axis(), quarter),
+        UnitQuaternion::from_axis_angle(&Vector3::y_axis(), 3.0 * quarter),
+    ];
+    (0..24)
+        .map(|i| {
+            let spin = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), quarter * f64::from(i % 4));
+            faces[i as usize / 4] * spin
+        })
+        .collect()
+}
+
+/// How many template points judge a candidate.
+const JUDGE_COUNT: usize = 2000;
+/// How near a judging point must lie, in spacings of the reference.
+const JUDGE_SPACINGS: f64 = 4.0;
+/// Scores this much apart are different.
+const CLEARLY: f64 = 0.01;
+/// The fine stage may lose this much of the start's score to chance.
+const WORSE: f64 = 0.01;
+const AMBIGUOUS_FRACTION: f64 = 0.97;
+const DISTINCT_RAD: f64 = 0.09;
+const DISTINCT_FACTOR: f64 = 0.1;
+const GLOBAL_COUNT: usize = 300;
+const GLOBAL_KEPT_COUNT: usize = 6;
+const NEAR_TEMPLATE_COUNT: usize = 2000;
+const NEAR_REFERENCE_FACTOR: usize = 8;
+const NORMAL_NEIGHBOUR_COUNT: usize = 20;
+/// Roughness over spacing from which on points have no partners.
+const NOISY_SPACINGS: f64 = 0.7;
+/// How many points of each cloud take part in full-sample NFI.
+const NFI_COUNT: usize = 4000;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_spread_rotations_are_24_different_ones() {
+        let all = spread_rotations();
+        assert_eq!(all.len(), 24);
+        for (index, a) in all.iter().enumerate() {
+            assert!(all[..index].iter().all(|b| (a.inverse() * b).angle() > 1.0));
+        }
+    }
+}

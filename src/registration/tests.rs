@@ -1,0 +1,189 @@
+//! Known motions, laws and determinism of whole registrations.
+
+use nalgebra::{Isometry3, Point3, Vector3};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+
+use super::testing::{blade, extruded};
+use super::*;
+
+fn motion() -> Isometry3<f64> {
+    Isometry3::new(Vector3::new(0.05, -0.04, 0.03), Vector3::new(0.05, -0.08, 0.15))
+}
+
+fn run(template: &PointCloud, reference: &PointCloud, start: &Isometry3<f64>, settings: &Settings) -> Registration {
+    let reference = Reference::new(reference).unwrap();
+    register(
+        template,
+        &reference,
+        start,
+        settings,
+        ChaCha8Rng::seed_from_u64(5),
+        &mut |_| {},
+    )
+}
+
+fn errors(truth: &Isometry3<f64>, found: &Registration) -> (f64, f64) {
+    let error = truth.inverse() * found.reference_from_template;
+    (error.rotation.angle(), error.translation.vector.norm())
+}
+
+#[test]
+fn a_known_motion_is_found_from_the_identity() {
+    let truth = motion();
+    let reference = blade(6000, 0.5).transformed(&truth);
+    let found = run(
+        &blade(5000, 0.0),
+        &reference,
+        &Isometry3::identity(),
+        &Settings::default(),
+    );
+    let (turn, shift) = errors(&truth, &found);
+    assert_eq!(found.status, Status::Converged, "{found:?}");
+    assert!(turn < 1e-3 && shift < 1e-3, "{turn} {shift}");
+    assert!(found.overlap.fraction > 0.9 && found.rmse < 0.01, "{found:?}");
+    let names: Vec<_> = found.stages.iter().map(|stage| stage.name).collect();
+    assert_eq!(names, ["prepare", "mpe", "coarse", "fine"]);
+}
+
+#[test]
+fn swapping_the_clouds_inverts_the_motion() {
+    let (a, b) = (blade(5000, 0.0), blade(5000, 0.5).transformed(&motion()));
+    let there = run(&a, &b, &Isometry3::identity(), &Settings::default());
+    let back = run(&b, &a, &Isometry3::identity(), &Settings::default());
+    let error = there.reference_from_template * back.reference_from_template;
+    assert!(
+        error.rotation.angle() < 2e-3 && error.translation.vector.norm() < 2e-3,
+        "{error}"
+    );
+}
+
+#[test]
+fn moving_the_reference_moves_the_answer() {
+    let (a, b) = (blade(5000, 0.0), blade(5000, 0.5).transformed(&motion()));
+    let moved = Isometry3::new(Vector3::new(3.0, -5.0, 7.0), Vector3::new(0.7, 0.2, -0.4));
+    let here = run(&a, &b, &Isometry3::identity(), &Settings::default());
+    let there = run(&a, &b.transformed(&moved), &moved, &Settings::default());
+    let error = (moved * here.reference_from_template).inverse() * there.reference_from_template;
+    assert!(
+        error.rotation.angle() < 1e-3 && error.translation.vector.norm() < 1e-3,
+        "{error}"
+    );
+}
+
+#[test]
+fn the_order_of_the_points_hardly_matters() {
+    let (a, b) = (blade(5000, 0.0), blade(5000, 0.5).transformed(&motion()));
+    let reversed: Vec<usize> = (0..a.len()).rev().collect();
+    let here = run(&a, &b, &Isometry3::identity(), &Settings::default());
+    let there = run(&a.select(&reversed), &b, &Isometry3::identity(), &Settings::default());
+    let error = here.reference_from_template.inverse() * there.reference_from_template;
+    assert!(
+        error.rotation.angle() < 1e-3 && error.translation.vector.norm() < 1e-3,
+        "{error}"
+    );
+}
+
+#[test]
+fn metres_and_millimetres_give_the_same_motion() {
+    let scale = |cloud: &PointCloud, factor: f64| {
+        PointCloud::from_measured(cloud.points().iter().map(|point| point * factor)).cloud
+    };
+    let (a, b) = (blade(5000, 0.0), blade(5000, 0.5).transformed(&motion()));
+    let here = run(&a, &b, &Isometry3::identity(), &Settings::default());
+    for factor in [1e3, 1e-3] {
+        let there = run(
+            &scale(&a, factor),
+            &scale(&b, factor),
+            &Isometry3::identity(),
+            &Settings::default(),
+        );
+        let turn = (here.reference_from_template.rotation.inverse() * there.reference_from_template.rotation).angle();
+        let shift =
+            here.reference_from_template.translation.vector - there.reference_from_template.translation.vector / factor;
+        assert!(turn < 1e-5 && shift.norm() < 1e-5, "{factor}: {turn} {shift:?}");
+        assert_eq!(here.status, there.status);
+        assert!((here.overlap.fraction - there.overlap.fraction).abs() < 1e-3);
+        assert!((here.rmse * factor / there.rmse - 1.0).abs() < 1e-2);
+    }
+}
+
+#[test]
+fn any_number_of_threads_gives_the_same_bits() {
+    let (a, b) = (blade(5000, 0.0), blade(5000, 0.5).transformed(&motion()));
+    let with = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| run(&a, &b, &Isometry3::identity(), &Settings::default()))
+    };
+    let one = with(1);
+    assert_eq!(one, with(2));
+    assert_eq!(one, with(8));
+}
+
+#[test]
+fn an_extruded_section_is_weak_along_its_span_and_keeps_the_start_there() {
+    let start = Isometry3::translation(0.0, 0.0, 0.02);
+    let truth = Isometry3::new(Vector3::new(0.01, 0.012, -0.05), Vector3::new(0.0, 0.0, 0.03));
+    let reference = extruded(8000, 0.5).transformed(&truth);
+    let found = run(&extruded(6000, 0.0), &reference, &start, &Settings::default());
+    assert_eq!(found.status, Status::Weak, "{found:?}");
+    assert_eq!(found.weak_directions.len(), 1, "{found:?}");
+    let direction = found.weak_directions[0].direction;
+    assert!(direction[5].abs() > 0.99, "{direction:?}");
+    let shift = found.reference_from_template.translation.vector;
+    assert!((shift.z - 0.02).abs() < 2e-3, "{shift:?}");
+    assert!(
+        (shift.x - 0.01).abs() < 2e-3 && (shift.y - 0.012).abs() < 2e-3,
+        "{shift:?}"
+    );
+    assert!((found.reference_from_template.rotation.angle() - 0.03).abs() < 2e-3);
+}
+
+#[test]
+fn a_good_start_is_never_made_worse() {
+    // A view that covers a quarter of the reference: MPE alone would pull it to the middle.
+    let truth = motion();
+    let whole = blade(20_000, 0.5);
+    let view: Vec<usize> = (0..whole.len())
+        .filter(|&i| whole.points()[i].z < -0.3 && whole.points()[i].y > 0.0)
+        .collect();
+    let view = whole.select(&view).transformed(&truth.inverse());
+    let reference = blade(15_000, 0.1);
+    let found = run(&view, &reference, &truth, &Settings::default());
+    let (turn, shift) = errors(&truth, &found);
+    assert!(turn < 3e-3 && shift < 3e-3, "{turn} {shift} {:?}", found.status);
+}
+
+#[test]
+fn clouds_that_have_nothing_in_common_fail_and_return_the_start() {
+    let start = Isometry3::translation(0.3, 0.0, 0.0);
+    let far = Isometry3::translation(1e4, 0.0, 0.0);
+    let settings = Settings {
+        search: Search::StartOnly,
+        ..Settings::default()
+    };
+    let found = run(
+        &blade(2000, 0.0),
+        &blade(2000, 0.0).transformed(&far),
+        &start,
+        &settings,
+    );
+    assert_eq!((found.status, found.reference_from_template), (Status::Failed, start));
+    assert_eq!(found.overlap.count, 0);
+    let few = PointCloud::from_measured((0..5).map(|i| Point3::new(f64::from(i), 0.0, 0.0))).cloud;
+    let found = run(&few, &blade(2000, 0.0), &start, &Settings::default());
+    assert_eq!((found.status, found.reference_from_template), (Status::Failed, start));
+}
+
+#[test]
+fn a_rotation_from_anywhere_is_found_by_searching_everywhere() {
+    let truth = Isometry3::new(Vector3::new(0.5, -1.0, 2.0), Vector3::new(1.5, -1.2, 0.9));
+    let reference = blade(3000, 0.5).transformed(&truth);
+    let settings = Settings {
+        search: Search::Everywhere,
+        ..Settings::default()
+    };
+    let found = run(&blade(3000, 0.0), &reference, &Isometry3::identity(), &settings);
+    let (turn, shift) = errors(&truth, &found);
+    assert!(turn < 5e-3 && shift < 5e-2, "{turn} {shift} {found:?}");
+}

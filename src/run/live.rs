@@ -1,0 +1,348 @@
+//! A run on real sockets: the one loop around [`Controller`].
+
+use super::console::Console;
+use super::journal_file::{JournalError, JournalFile};
+use super::pool::Pool;
+use crate::camera::CameraOutput;
+use crate::controller::{Command, Controller, Input, Output};
+use crate::event::Ending;
+use crate::journal::{input_record, output_records};
+use crate::robot::Kind;
+use crate::stamp::Stamp;
+use std::fs::OpenOptions;
+use std::io::{self, Write as _};
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+use thiserror::Error;
+use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+use tokio::net::{TcpStream, UdpSocket};
+use tokio::sync::mpsc;
+use tokio::time::Instant;
+
+/// Where the devices are.
+#[derive(Debug, Clone, Copy)]
+pub struct Links {
+    /// The robot's HSES port.
+    pub robot: SocketAddr,
+    /// The camera bridge.
+    pub camera: SocketAddr,
+}
+
+/// Everything a run needs from outside.
+pub struct Live<'a> {
+    /// The decisions.
+    pub controller: Controller,
+    /// The recording.
+    pub journal: JournalFile,
+    /// When the run began, nanoseconds since 1970 UTC.
+    pub start_unix_ns: u64,
+    /// The devices.
+    pub links: Links,
+    /// Threads for the jobs.
+    pub pool: &'a Pool,
+    /// The operator's words.
+    pub commands: mpsc::Receiver<Command>,
+    /// Where progress is shown.
+    pub console: &'a mut Console,
+    /// The run's folder.
+    pub dir: &'a Path,
+}
+
+/// How it went.
+#[derive(Debug)]
+pub struct Outcome {
+    /// How the run ended.
+    pub ending: Ending,
+    /// How many views were planned.
+    pub planned_count: usize,
+    /// How many of them are in the model.
+    pub merged_count: usize,
+    /// How many had to be.
+    pub merged_min_count: usize,
+    /// The recording.
+    pub recording: PathBuf,
+    /// The content of `summary.json`.
+    pub summary: Vec<u8>,
+}
+
+/// What the run could not be carried out for. Faults of devices are not errors but endings.
+#[derive(Debug, Error)]
+pub enum LiveError {
+    /// A socket of ours.
+    #[error("cannot open a socket: {0}")]
+    Socket(io::Error),
+    /// A file of the run.
+    #[error("cannot write {path}: {source}")]
+    File {
+        /// Which file.
+        path: PathBuf,
+        /// The system's words.
+        source: io::Error,
+    },
+    /// The recording, at its end.
+    #[error(transparent)]
+    Journal(#[from] JournalError),
+}
+
+/// Carries a run out to its end.
+pub async fn run(live: Live<'_>) -> Result<Outcome, LiveError> {
+    let local: SocketAddr = if live.links.robot.is_ipv4() {
+        ([0, 0, 0, 0], 0).into()
+    } else {
+        ([0u16; 8], 0).into()
+    };
+    let robot = UdpSocket::bind(local).await.map_err(LiveError::Socket)?;
+    robot.connect(live.links.robot).await.map_err(LiveError::Socket)?;
+    let (news, camera_news) = mpsc::channel(CAMERA_QUEUE_MAX);
+    let (finished, finished_jobs) = mpsc::unbounded_channel();
+    let shell = Shell {
+        began: Instant::now(),
+        robot,
+        camera: None,
+        news,
+        finished,
+        journal_failed: false,
+        summary: Vec::new(),
+        file_error: None,
+        live,
+    };
+    shell.run(camera_news, finished_jobs).await
+}
+
+struct Shell<'a> {
+    live: Live<'a>,
+    began: Instant,
+    robot: UdpSocket,
+    camera: Option<mpsc::Sender<Vec<u8>>>,
+    news: mpsc::Sender<Input>,
+    /// At most a handful of jobs are ever open, so this queue is bounded by the controller.
+    finished: mpsc::UnboundedSender<Input>,
+    journal_failed: bool,
+    summary: Vec<u8>,
+    file_error: Option<LiveError>,
+}
+
+impl Shell<'_> {
+    async fn run(
+        mut self,
+        mut camera_news: mpsc::Receiver<Input>,
+        mut finished_jobs: mpsc::UnboundedReceiver<Input>,
+    ) -> Result<Outcome, LiveError> {
+        self.handle(Input::Begin).await;
+        let mut datagram = vec![0u8; DATAGRAM_BYTES];
+        while !self.live.controller.is_over() {
+            let wake = self
+                .live
+                .controller
+                .wake_at()
+                .map(|stamp| self.began + Duration::from_nanos(stamp.ns));
+            let input = tokio::select! {
+                biased;
+                Some(command) = self.live.commands.recv() => Input::Operator(command),
+                received = self.robot.recv(&mut datagram) => match received {
+                    Ok(length) => Input::RobotDatagram(datagram[..length].to_vec()),
+                    Err(error) => Input::RobotUnreachable { reason: format!("{}: {error}", self.live.links.robot) },
+                },
+                () = sleep_until(wake) => Input::Wake,
+                Some(input) = finished_jobs.recv() => input,
+                Some(input) = camera_news.recv() => input,
+            };
+            self.handle(input).await;
+        }
+        self.conclude()
+    }
+
+    /// One input: recorded, handled, and everything that follows from it done.
+    async fn handle(&mut self, input: Input) {
+        let now = self.now();
+        if let Err(error) = self.live.journal.record(input_record(now, &input)) {
+            self.fail_journal(now, &error);
+        }
+        self.live.controller.handle_input(now, input);
+        while let Some(output) = self.live.controller.poll_output() {
+            for record in output_records(now, &output, self.live.start_unix_ns) {
+                if let Err(error) = self.live.journal.record(record) {
+                    self.fail_journal(now, &error);
+                }
+            }
+            self.carry_out(now, output).await;
+        }
+    }
+
+    async fn carry_out(&mut self, now: Stamp, output: Output) {
+        match output {
+            Output::Robot(datagram) => {
+                if datagram.kind == Kind::Act && !self.flushed(now) {
+                    return;
+                }
+                // A refusal of the network comes back from recv as well; a full buffer is as good as a lost datagram.
+                self.robot.send(&datagram.bytes).await.ok();
+            }
+            Output::Camera(CameraOutput::Connect) => self.connect_camera(),
+            Output::Camera(CameraOutput::Close) => self.camera = None,
+            Output::Camera(CameraOutput::Bytes { bytes, act }) => {
+                if act && !self.flushed(now) {
+                    return;
+                }
+                if let Some(camera) = &self.camera {
+                    // The writer ends when the connection does; its reader reports that.
+                    camera.send(bytes).await.ok();
+                }
+            }
+            Output::Job { job_id, job } => {
+                let finished = self.finished.clone();
+                self.live.pool.start(job, move |output, times| {
+                    // After the end of the run nobody waits for it.
+                    finished.send(Input::JobDone { job_id, output, times }).ok();
+                });
+            }
+            Output::Event(event) => self.live.console.show(&event),
+            Output::File { name, bytes } => {
+                if name == "summary.json" {
+                    self.summary.clone_from(&bytes);
+                }
+                if let Err(error) = write_new(&self.live.dir.join(name), &bytes) {
+                    self.file_error.get_or_insert(error);
+                }
+            }
+            Output::ViewCloud { .. } | Output::ViewPose { .. } | Output::Model(_) => {}
+        }
+    }
+
+    /// No journal, no motion: an act leaves only when the record of what caused it has left the process.
+    fn flushed(&mut self, now: Stamp) -> bool {
+        if self.journal_failed {
+            return false;
+        }
+        match self.live.journal.flush() {
+            Ok(()) => true,
+            Err(error) => {
+                self.fail_journal(now, &error);
+                false
+            }
+        }
+    }
+
+    fn fail_journal(&mut self, now: Stamp, error: &JournalError) {
+        if !self.journal_failed {
+            self.journal_failed = true;
+            let reason = error.to_string();
+            self.live.controller.handle_input(now, Input::JournalFailed { reason });
+        }
+    }
+
+    fn connect_camera(&mut self) {
+        let (sender, outgoing) = mpsc::channel(CAMERA_QUEUE_MAX);
+        self.camera = Some(sender);
+        tokio::spawn(serve_camera(self.live.links.camera, outgoing, self.news.clone()));
+    }
+
+    fn conclude(self) -> Result<Outcome, LiveError> {
+        let controller = &self.live.controller;
+        let merged_count = controller
+            .views()
+            .iter()
+            .filter(|view| view.model_from_view.is_some())
+            .count();
+        let planned_count = controller.views().len();
+        let merged_min_count = controller.merged_min_count();
+        let ending = controller.ending().cloned().expect("a run that is over has an ending");
+        let path = self.live.journal.path().to_owned();
+        let recording = match self.live.journal.finish() {
+            Ok(path) => path,
+            // The fault has been reported; what was written stays.
+            Err(_) if self.journal_failed => path,
+            Err(error) => return Err(error.into()),
+        };
+        match self.file_error {
+            Some(error) => Err(error),
+            None => Ok(Outcome {
+                ending,
+                planned_count,
+                merged_count,
+                merged_min_count,
+                recording,
+                summary: self.summary,
+            }),
+        }
+    }
+
+    fn now(&self) -> Stamp {
+        Stamp {
+            ns: self.began.elapsed().as_nanos() as u64,
+        }
+    }
+}
+
+/// Owns the camera's connection: connects, writes what it is given, reports what comes, until either side ends.
+async fn serve_camera(address: SocketAddr, mut outgoing: mpsc::Receiver<Vec<u8>>, news: mpsc::Sender<Input>) {
+    let closed = |reason: String| Input::CameraClosed { reason };
+    // A CLOSE before the connection stands drops the sender, which ends the wait.
+    let stream = tokio::select! {
+        stream = TcpStream::connect(address) => stream,
+        () = until_closed(&mut outgoing) => return,
+    };
+    let stream = match stream {
+        Ok(stream) => stream,
+        Err(error) => {
+            news.send(closed(format!("{address}: {error}"))).await.ok();
+            return;
+        }
+    };
+    stream.set_nodelay(true).ok();
+    let (mut reader, mut writer) = stream.into_split();
+    if news.send(Input::CameraConnected).await.is_err() {
+        return;
+    }
+    let writing = tokio::spawn(async move {
+        while let Some(bytes) = outgoing.recv().await {
+            if writer.write_all(&bytes).await.is_err() {
+                return;
+            }
+        }
+        writer.shutdown().await.ok();
+    });
+    let mut buffer = vec![0u8; READ_BYTES];
+    let reason = loop {
+        match reader.read(&mut buffer).await {
+            Ok(0) => break "the camera closed the connection".to_owned(),
+            Ok(length) => {
+                if news.send(Input::CameraBytes(buffer[..length].to_vec())).await.is_err() {
+                    return;
+                }
+            }
+            Err(error) => break error.to_string(),
+        }
+    };
+    news.send(closed(reason)).await.ok();
+    writing.abort();
+}
+
+async fn until_closed(outgoing: &mut mpsc::Receiver<Vec<u8>>) {
+    while outgoing.recv().await.is_some() {}
+}
+
+async fn sleep_until(wake: Option<Instant>) {
+    match wake {
+        Some(wake) => tokio::time::sleep_until(wake).await,
+        None => std::future::pending().await,
+    }
+}
+
+fn write_new(path: &Path, bytes: &[u8]) -> Result<(), LiveError> {
+    let write = || {
+        let mut file = OpenOptions::new().write(true).create_new(true).open(path)?;
+        file.write_all(bytes)?;
+        file.sync_all()
+    };
+    write().map_err(|source| LiveError::File {
+        path: path.to_owned(),
+        source,
+    })
+}
+
+/// Datagrams of HSES are at most 511 bytes; room for more shows foreign ones whole.
+const DATAGRAM_BYTES: usize = 2048;
+const READ_BYTES: usize = 128 << 10;
+const CAMERA_QUEUE_MAX: usize = 32;

@@ -1,0 +1,15 @@
+//! The shell: sockets, timers, the pool, files and the console. It moves bytes and decides nothing.
+
+mod console;
+mod journal_file;
+mod live;
+mod pool;
+mod replay;
+mod simulated;
+
+pub use console::Console;
+pub use journal_file::{JournalError, JournalFile, pack_file};
+pub use live::{Links, Live, LiveError, Outcome, run};
+pub use pool::Pool;
+pub use replay::{Difference, ReplayError, ReplayReport, replay};
+pub use simulated::{SimulatedCell, SimulatedError, SimulatedOptions};

@@ -1,0 +1,65 @@
+//! The pool that runs jobs, and the watch that times them.
+
+use crate::job::{Job, JobOutput, StageTime};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Threads for the numeric work. `RAYON_NUM_THREADS` sets their number.
+pub struct Pool {
+    threads: rayon::ThreadPool,
+}
+
+impl Pool {
+    /// A pool of as many threads as the machine has cores, or as `RAYON_NUM_THREADS` says.
+    pub fn new() -> Result<Self, rayon::ThreadPoolBuildError> {
+        let threads = rayon::ThreadPoolBuilder::new()
+            .thread_name(|index| format!("job-{index}"))
+            .build()?;
+        Ok(Self { threads })
+    }
+
+    /// How many threads there are.
+    pub fn thread_count(&self) -> usize {
+        self.threads.current_num_threads()
+    }
+
+    /// Starts a job and calls `done` with what came of it, on a thread of the pool.
+    pub fn start(&self, job: Arc<Job>, done: impl FnOnce(JobOutput, Vec<StageTime>) + Send + 'static) {
+        self.threads.spawn(move || {
+            let (output, times) = timed(&job);
+            done(output, times);
+        });
+    }
+
+    /// Runs a job and waits for it.
+    pub fn run(&self, job: &Job) -> JobOutput {
+        self.threads.install(|| timed(job).0)
+    }
+}
+
+/// Runs a job, times its stages and turns a panic into an output.
+fn timed(job: &Job) -> (JobOutput, Vec<StageTime>) {
+    let mut times = Vec::new();
+    let mut last = Instant::now();
+    let mut on_stage = |name: &str| {
+        let now = Instant::now();
+        times.push(StageTime {
+            name: name.to_owned(),
+            ns: (now - last).as_nanos() as u64,
+        });
+        last = now;
+    };
+    let result = catch_unwind(AssertUnwindSafe(|| job.run(&mut on_stage)));
+    let output = result.unwrap_or_else(|panic| {
+        let text = panic
+            .downcast_ref::<String>()
+            .map(String::as_str)
+            .or_else(|| panic.downcast_ref::<&str>().copied())
+            .unwrap_or("no words");
+        JobOutput::Panicked {
+            text: format!("{} of view {}: {text}", job.name(), job.view_index()),
+        }
+    });
+    (output, times)
+}

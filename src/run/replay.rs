@@ -1,0 +1,196 @@
+//! Replay: the recorded inputs through the same controller and the same jobs, every output compared bit by bit.
+
+use super::pool::Pool;
+use crate::controller::{Controller, Input, Output};
+use crate::job::JobOutput;
+use crate::journal::{InputMemo, ReadError, Record, Recording, Topic, input_record, output_records, read_input};
+use crate::plan::{Plan, PlanError};
+use crate::settings::{Recipe, SettingsError, Station};
+use serde::Serialize;
+use std::collections::{BTreeMap, VecDeque};
+use std::num::NonZeroUsize;
+use thiserror::Error;
+
+/// What a replay found.
+#[derive(Debug, Clone, Serialize)]
+pub struct ReplayReport {
+    /// Whether every output was the same.
+    pub identical: bool,
+    /// Whether the recording has the end of its run.
+    pub complete: bool,
+    /// Inputs fed.
+    pub input_count: usize,
+    /// Outputs compared.
+    pub output_count: usize,
+    /// Jobs run again.
+    pub job_count: usize,
+    /// Version that recorded.
+    pub recorded_by: String,
+    /// Version that replays.
+    pub replayed_by: String,
+    /// The first difference.
+    pub difference: Option<Difference>,
+}
+
+/// The first place where the replay leaves the recording.
+#[derive(Debug, Clone, Serialize)]
+pub struct Difference {
+    /// Seconds since the run began.
+    pub at_s: f64,
+    /// Which topic.
+    pub topic: String,
+    /// What the recording has.
+    pub recorded: String,
+    /// What came of the replay.
+    pub replayed: String,
+    /// How many inputs had been fed.
+    pub after_input_count: usize,
+}
+
+/// Why a recording cannot be replayed at all.
+#[derive(Debug, Error)]
+pub enum ReplayError {
+    /// The file.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+    /// The recipe or station inside it.
+    #[error("the recipe or station in the recording: {0}")]
+    Settings(#[from] Box<SettingsError>),
+    /// The plan.
+    #[error("the plan of the recording: {0}")]
+    Plan(#[from] PlanError),
+}
+
+/// Feeds a recording to the same code and compares. Stops at the first difference.
+pub fn replay(recording: &Recording<'_>, pool: &Pool) -> Result<ReplayReport, ReplayError> {
+    let header = recording.header().clone();
+    let recipe = Recipe::parse("recipe.toml", recording.recipe_text()).map_err(Box::new)?;
+    let station = Station::parse("station.toml", recording.station_text()).map_err(Box::new)?;
+    let mut plan = Plan::new(&recipe, &station, header.seed)?;
+    if let Some(view_count) = header.view_count.and_then(NonZeroUsize::new) {
+        plan = plan.truncated(view_count);
+    }
+    let recorded_by = header.version.clone();
+    let mut replayer = Replayer {
+        controller: Controller::new(header, recipe, station, plan),
+        pool,
+        start_unix_ns: recording.start_unix_ns(),
+        expected: VecDeque::new(),
+        outputs: BTreeMap::new(),
+        report: ReplayReport {
+            identical: false,
+            complete: false,
+            input_count: 0,
+            output_count: 0,
+            job_count: 0,
+            recorded_by,
+            replayed_by: env!("CARGO_PKG_VERSION").into(),
+            difference: None,
+        },
+    };
+    for record in recording.records()? {
+        if !replayer.take(record?) {
+            return Ok(replayer.report);
+        }
+    }
+    replayer.finish();
+    Ok(replayer.report)
+}
+
+struct Replayer<'a> {
+    controller: Controller,
+    pool: &'a Pool,
+    start_unix_ns: u64,
+    /// What the replay says must come next.
+    expected: VecDeque<Record>,
+    /// Outputs of jobs whose end the recording has not reached yet.
+    outputs: BTreeMap<u32, JobOutput>,
+    report: ReplayReport,
+}
+
+impl Replayer<'_> {
+    /// Takes the next record; false at the first difference.
+    fn take(&mut self, record: Record) -> bool {
+        if !record.topic.is_input() {
+            self.report.output_count += 1;
+            return match self.expected.pop_front() {
+                Some(expected) if expected == record => true,
+                expected => self.differ(Some(&record), expected.as_ref()),
+            };
+        }
+        // Outputs follow their input directly, so all of them must have come by now.
+        if let Some(expected) = self.expected.pop_front() {
+            return self.differ(None, Some(&expected));
+        }
+        let input = match read_input(&record) {
+            Some(InputMemo::Whole(input)) => input,
+            Some(InputMemo::JobDone { job_id, digest, times }) => {
+                let Some(output) = self.outputs.remove(&job_id) else {
+                    return self.differ(Some(&record), None);
+                };
+                let input = Input::JobDone { job_id, output, times };
+                let again = input_record(record.stamp, &input);
+                if again != record {
+                    debug_assert!(
+                        !again
+                            .payload
+                            .windows(digest.len())
+                            .any(|window| window == digest.as_bytes())
+                    );
+                    return self.differ(Some(&record), Some(&again));
+                }
+                input
+            }
+            None => return self.differ(Some(&record), None),
+        };
+        self.report.input_count += 1;
+        self.controller.handle_input(record.stamp, input);
+        while let Some(output) = self.controller.poll_output() {
+            self.expected
+                .extend(output_records(record.stamp, &output, self.start_unix_ns));
+            if let Output::Job { job_id, job } = output {
+                self.report.job_count += 1;
+                self.outputs.insert(job_id, self.pool.run(&job));
+            }
+        }
+        true
+    }
+
+    fn finish(&mut self) {
+        self.report.complete = self.controller.is_over();
+        match self.expected.pop_front() {
+            Some(expected) if self.report.complete => {
+                self.differ(None, Some(&expected));
+            }
+            // A killed process leaves the outputs of its last input half written.
+            _ => self.report.identical = true,
+        }
+    }
+
+    fn differ(&mut self, recorded: Option<&Record>, replayed: Option<&Record>) -> bool {
+        let some = recorded.or(replayed);
+        self.report.difference = Some(Difference {
+            at_s: some.map_or(0.0, |record| record.stamp.seconds()),
+            topic: some.map_or("", |record| record.topic.name()).into(),
+            recorded: words(recorded),
+            replayed: words(replayed),
+            after_input_count: self.report.input_count,
+        });
+        false
+    }
+}
+
+fn words(record: Option<&Record>) -> String {
+    let Some(record) = record else {
+        return "nothing".into();
+    };
+    let text = match record.topic {
+        Topic::Input | Topic::Output | Topic::Event => String::from_utf8_lossy(&record.payload).into_owned(),
+        _ => format!(
+            "{} bytes, sha256 {}",
+            record.payload.len(),
+            crate::job::sha256(&record.payload)
+        ),
+    };
+    format!("{} at {:.6} s: {text}", record.topic.name(), record.stamp.seconds())
+}

@@ -1,0 +1,128 @@
+//! The simulated cell as a child process of the same executable.
+
+use super::live::Links;
+use nalgebra::Isometry3;
+use serde::Deserialize;
+use std::io;
+use std::path::PathBuf;
+use std::process::{ExitStatus, Stdio};
+use std::time::Duration;
+use thiserror::Error;
+use tokio::io::{AsyncBufReadExt as _, BufReader};
+use tokio::process::{Child, Command};
+
+use crate::geometry::fixed_xyz_from_rotation;
+
+/// What the simulated cell is to be.
+#[derive(Debug, Clone)]
+pub struct SimulatedOptions {
+    /// Seeds everything drawn.
+    pub seed: u64,
+    /// `builtin:NAME` or the path of an STL file.
+    pub blade: String,
+    /// The lens set.
+    pub optics: &'static str,
+    /// Where the camera stands, mm.
+    pub base_from_camera: Isometry3<f64>,
+    /// How the blade is gripped, mm.
+    pub tool_from_blade: Isometry3<f64>,
+    /// Scales motion and exposure.
+    pub speed: f64,
+    /// Where the truth is written.
+    pub truth: PathBuf,
+    /// Faults to inject.
+    pub faults: Vec<String>,
+}
+
+/// Why the simulated cell did not come up.
+#[derive(Debug, Error)]
+pub enum SimulatedError {
+    /// The child process.
+    #[error("cannot start the simulated cell: {0}")]
+    Start(io::Error),
+    /// Its options, for example a fault it does not know; it has said why.
+    #[error("the simulated cell did not take its options ({0})")]
+    Options(ExitStatus),
+    /// No line with its addresses came.
+    #[error("the simulated cell did not say where it listens")]
+    NotReady,
+}
+
+/// A running simulated cell. It ends when its standard input does, that is, at the latest when this process dies.
+pub struct SimulatedCell {
+    child: Child,
+    links: Links,
+}
+
+#[derive(Deserialize)]
+struct Ready {
+    hses: std::net::SocketAddr,
+    a3dp: std::net::SocketAddr,
+}
+
+impl SimulatedCell {
+    /// Starts it and waits until it listens.
+    pub async fn start(options: &SimulatedOptions) -> Result<Self, SimulatedError> {
+        let program = std::env::current_exe().map_err(SimulatedError::Start)?;
+        let mut command = Command::new(program);
+        command
+            .args(["sim", "cell", "--json", "--until-stdin-closes"])
+            .arg(format!("--seed={}", options.seed))
+            .arg(format!("--blade={}", options.blade))
+            .arg(format!("--optics={}", options.optics))
+            .arg(format!("--base-from-camera={}", pose_words(&options.base_from_camera)))
+            .arg(format!("--tool-from-blade={}", pose_words(&options.tool_from_blade)))
+            .arg(format!("--speed={}", options.speed))
+            .arg("--truth")
+            .arg(&options.truth)
+            .args(options.faults.iter().map(|fault| format!("--fault={fault}")))
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .kill_on_drop(true);
+        // Ctrl-C is for the run to handle, not for its cell.
+        #[cfg(unix)]
+        command.process_group(0);
+        let mut child = command.spawn().map_err(SimulatedError::Start)?;
+        let stdout = child.stdout.take().ok_or(SimulatedError::NotReady)?;
+        let mut line = String::new();
+        let mut lines = BufReader::new(stdout);
+        let reading = tokio::time::timeout(READY_TIMEOUT, lines.read_line(&mut line));
+        if !matches!(reading.await, Ok(Ok(length)) if length > 0) {
+            return match tokio::time::timeout(READY_TIMEOUT, child.wait()).await {
+                Ok(Ok(status)) => Err(SimulatedError::Options(status)),
+                _ => Err(SimulatedError::NotReady),
+            };
+        }
+        let ready: Ready = serde_json::from_str(&line).map_err(|_| SimulatedError::NotReady)?;
+        Ok(Self {
+            child,
+            links: Links {
+                robot: ready.hses,
+                camera: ready.a3dp,
+            },
+        })
+    }
+
+    /// Where its devices listen.
+    pub fn links(&self) -> Links {
+        self.links
+    }
+
+    /// Lets it end, so that its truth is written to the last view.
+    pub async fn stop(mut self) {
+        drop(self.child.stdin.take());
+        if tokio::time::timeout(STOP_TIMEOUT, self.child.wait()).await.is_err() {
+            self.child.kill().await.ok();
+        }
+    }
+}
+
+/// `x,y,z,rx,ry,rz` in mm and degrees about fixed axes.
+fn pose_words(pose: &Isometry3<f64>) -> String {
+    let position = pose.translation.vector;
+    let [rx, ry, rz] = fixed_xyz_from_rotation(&pose.rotation).map(f64::to_degrees);
+    format!("{},{},{},{rx},{ry},{rz}", position.x, position.y, position.z)
+}
+
+const READY_TIMEOUT: Duration = Duration::from_secs(30);
+const STOP_TIMEOUT: Duration = Duration::from_secs(10);

@@ -1,0 +1,646 @@
+//! Acquisition: the arm steps through the planned poses, the camera takes a frame at each.
+//!
+//! | state | accepts | sends | ends |
+//! |---|---|---|---|
+//! | opening | hold, abort | identity question; camera greeting, settings, arm; then servo on | both ready |
+//! | to target | hold, abort | move to the next pose, if the backlog has room | arrival |
+//! | at target | hold, abort | trigger, once the last frame is in | exposure done |
+//! | exposing | hold, abort | nothing | exposure done: the arm may go to the next pose while the frame comes |
+//! | held | resume, abort | nothing but status questions | resume: hold off, servo on, the interrupted move anew |
+//! | ending | abort | hold (unless finished), servo off, goodbye to the camera | both confirmed or given up |
+
+mod arm;
+
+pub use arm::{Arm, ArmEvent, ArmSettings};
+
+use crate::camera::{self, CameraEvent, CameraOutput, Capture, Opened, TriggerId, Trouble};
+use crate::event::{Ending, Event, HoldBy};
+use crate::fault::{Fault, FaultCode};
+use crate::plan::PlannedView;
+use crate::robot::{self, Datagram, SystemInformation};
+use crate::settings::{Recipe, Station, Target as StationTarget};
+use crate::stamp::{Stamp, earlier};
+use nalgebra::Isometry3;
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+/// A frame with the pose at which it was taken.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Captured {
+    /// Which view.
+    pub view_index: usize,
+    /// Which attempt at it.
+    pub attempt: u16,
+    /// Where the controller said the arm stood, mm.
+    pub base_from_tool: Isometry3<f64>,
+    /// The frame.
+    pub capture: Arc<Capture>,
+}
+
+/// What the session hands up.
+#[derive(Debug, Clone, PartialEq)]
+pub enum SessionEvent {
+    /// For the journal and the console.
+    Event(Event),
+    /// For the reconstruction.
+    Captured(Captured),
+    /// A planned view that will not come.
+    Missing {
+        /// Which view.
+        view_index: usize,
+        /// Why.
+        reason: String,
+    },
+}
+
+/// The acquisition of one run.
+#[derive(Debug)]
+pub struct Session {
+    arm: Arm,
+    camera: camera::Exchange,
+    plan: Vec<PlannedView>,
+    wanted: Wanted,
+    stage: Stage,
+    robot_known: bool,
+    camera_known: bool,
+    targets: VecDeque<Target>,
+    /// Exposed, but its frame is not here yet.
+    awaited: Option<Standing>,
+    hold: Hold,
+    ending: Option<Ending>,
+    arm_done: bool,
+    camera_done: bool,
+    parking: bool,
+    failures_in_a_row: u32,
+    events: VecDeque<SessionEvent>,
+}
+
+/// What recipe and station ask of the devices.
+#[derive(Debug)]
+struct Wanted {
+    simulated: bool,
+    optics: &'static str,
+    stand_off_mm: f64,
+    points_min: u32,
+    retakes_max: u16,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Target {
+    view_index: usize,
+    attempt: u16,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Standing {
+    target: Target,
+    base_from_tool: Isometry3<f64>,
+}
+
+#[derive(Debug, Clone, Copy)]
+enum Stage {
+    Opening,
+    ToTarget,
+    Moving(Target),
+    AtTarget(Standing),
+    Exposing(Standing),
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Hold {
+    No,
+    Asked,
+    Held,
+    Resuming,
+}
+
+impl Session {
+    /// The acquisition of `plan`, not begun.
+    pub fn new(recipe: &Recipe, station: &Station, plan: &[PlannedView]) -> Self {
+        let targets = (0..plan.len())
+            .map(|view_index| Target { view_index, attempt: 0 })
+            .collect();
+        Self {
+            arm: Arm::new(arm_settings(station)),
+            camera: camera::Exchange::new(camera_times(station), camera_settings(recipe)),
+            plan: plan.to_vec(),
+            wanted: Wanted {
+                simulated: !matches!(station.target, StationTarget::Cell { .. }),
+                optics: recipe.camera.optics.name(),
+                stand_off_mm: recipe.camera_from_fixture.translation.z,
+                points_min: recipe.camera.points_min,
+                retakes_max: recipe.retakes_max as u16,
+            },
+            stage: Stage::Opening,
+            robot_known: false,
+            camera_known: false,
+            targets,
+            awaited: None,
+            hold: Hold::No,
+            ending: None,
+            arm_done: false,
+            camera_done: false,
+            parking: false,
+            failures_in_a_row: 0,
+            events: VecDeque::new(),
+        }
+    }
+
+    /// Opens both conversations. Nothing is switched on before both devices have said who they are.
+    pub fn begin(&mut self, now: Stamp) {
+        self.arm.identify(now);
+        self.camera.open(now);
+    }
+
+    /// Holds the arm at once.
+    pub fn hold(&mut self, now: Stamp, by: HoldBy) {
+        if self.ending.is_some() || !matches!(self.hold, Hold::No | Hold::Resuming) {
+            return;
+        }
+        self.emit(Event::HoldAsked { by });
+        self.hold = Hold::Asked;
+        self.interrupt();
+        self.arm.hold(now);
+    }
+
+    /// Goes on after a hold.
+    pub fn resume(&mut self, now: Stamp) {
+        match self.hold {
+            Hold::Held if self.ending.is_none() => {
+                self.hold = Hold::Resuming;
+                if self.robot_known && self.camera_known {
+                    self.arm.make_ready(now);
+                } else {
+                    self.hold = Hold::No;
+                    self.arm.identify(now);
+                }
+            }
+            Hold::Asked => self.note("the hold is not confirmed yet; resume when it is"),
+            _ => self.note("there is nothing to resume"),
+        }
+    }
+
+    /// Ends the run on the operator's word.
+    pub fn abort(&mut self, now: Stamp) {
+        if self.ending.is_none() {
+            self.emit(Event::AbortAsked);
+            self.end(now, Ending::Aborted);
+        }
+    }
+
+    /// Ends the run with a fault.
+    pub fn fault(&mut self, now: Stamp, fault: Fault) {
+        self.emit(Event::Faulted { fault: fault.clone() });
+        self.end(now, Ending::Faulted { fault });
+    }
+
+    /// Ends the run because all is done.
+    pub fn finish(&mut self, now: Stamp) {
+        self.end(now, Ending::Finished);
+    }
+
+    /// Whether every planned view has been taken or given up.
+    pub fn is_acquired(&self) -> bool {
+        self.targets.is_empty() && self.awaited.is_none()
+    }
+
+    /// How the run ends, once that is decided.
+    pub fn ending(&self) -> Option<&Ending> {
+        self.ending.as_ref()
+    }
+
+    /// Whether both devices have been let go.
+    pub fn is_over(&self) -> bool {
+        self.ending.is_some() && self.arm_done && self.camera_done
+    }
+
+    /// A datagram has come from the robot.
+    pub fn handle_datagram(&mut self, now: Stamp, bytes: &[u8]) {
+        self.arm.handle_datagram(now, bytes);
+        self.handle_events(now);
+    }
+
+    /// The network says that nothing listens at the robot's address.
+    pub fn handle_robot_unreachable(&mut self, now: Stamp, reason: &str) {
+        if self.ending.is_none() {
+            self.fault(now, Fault::new(FaultCode::RobotUnreachable, reason));
+        }
+        self.handle_events(now);
+    }
+
+    /// The camera's connection stands.
+    pub fn handle_camera_connected(&mut self, now: Stamp) {
+        self.camera.handle_connected(now);
+        self.handle_events(now);
+    }
+
+    /// Bytes have come from the camera.
+    pub fn handle_camera_bytes(&mut self, now: Stamp, bytes: &[u8]) {
+        self.camera.handle_bytes(now, bytes);
+        self.handle_events(now);
+    }
+
+    /// The camera's connection did not come about or has ended.
+    pub fn handle_camera_closed(&mut self, now: Stamp, reason: &str) {
+        self.camera.handle_closed(now, reason);
+        self.handle_events(now);
+    }
+
+    /// Time has passed.
+    pub fn handle_wake(&mut self, now: Stamp) {
+        self.arm.handle_wake(now);
+        self.camera.handle_wake(now);
+        self.handle_events(now);
+    }
+
+    /// Does what can be done now. `backlog_count` views are waiting to be registered.
+    pub fn advance(&mut self, now: Stamp, backlog_count: usize) {
+        if self.ending.is_some() || self.hold != Hold::No {
+            return;
+        }
+        match self.stage {
+            Stage::Opening | Stage::Moving(_) | Stage::Exposing(_) => {}
+            Stage::ToTarget => {
+                if let Some(&target) = self.targets.front()
+                    && self.arm.is_standing()
+                    && backlog_count < BACKLOG_MAX
+                {
+                    self.stage = Stage::Moving(target);
+                    self.arm.move_to(now, &self.plan[target.view_index].base_from_tool);
+                    self.emit(Event::MoveStarted {
+                        view_index: target.view_index,
+                        attempt: target.attempt,
+                    });
+                }
+            }
+            Stage::AtTarget(standing) => {
+                if self.targets.front() != Some(&standing.target) {
+                    // The frame before this one failed and is taken again first.
+                    self.stage = Stage::ToTarget;
+                    return self.advance(now, backlog_count);
+                }
+                if self.awaited.is_none() && self.camera.is_armed() {
+                    let Target { view_index, attempt } = standing.target;
+                    self.stage = Stage::Exposing(standing);
+                    self.camera.trigger(now, TriggerId::new(view_index as u32, attempt));
+                    self.emit(Event::Triggered { view_index, attempt });
+                }
+            }
+        }
+    }
+
+    /// When [`Self::handle_wake`] wants to be called next.
+    pub fn wake_at(&self) -> Option<Stamp> {
+        earlier(self.arm.wake_at(), self.camera.wake_at())
+    }
+
+    /// The next datagram for the robot.
+    #[must_use]
+    pub fn poll_datagram(&mut self) -> Option<Datagram> {
+        self.arm.poll_transmit()
+    }
+
+    /// The next thing to do for the camera.
+    #[must_use]
+    pub fn poll_camera(&mut self) -> Option<CameraOutput> {
+        self.camera.poll_output()
+    }
+
+    /// The next event.
+    #[must_use]
+    pub fn poll_event(&mut self) -> Option<SessionEvent> {
+        self.events.pop_front()
+    }
+
+    fn handle_events(&mut self, now: Stamp) {
+        loop {
+            if let Some(event) = self.arm.poll_event() {
+                self.handle_arm_event(now, event);
+            } else if let Some(event) = self.camera.poll_event() {
+                self.handle_camera_event(now, event);
+            } else {
+                return;
+            }
+        }
+    }
+
+    fn handle_arm_event(&mut self, now: Stamp, event: ArmEvent) {
+        match event {
+            ArmEvent::Identity(system) => self.handle_identity(now, &system),
+            ArmEvent::Ready { .. } => {
+                if self.hold == Hold::Resuming {
+                    self.hold = Hold::No;
+                    // Somebody may have moved the arm by hand meanwhile.
+                    self.interrupt();
+                    self.emit(Event::Resumed);
+                } else {
+                    self.emit(Event::RobotReady);
+                }
+                if matches!(self.stage, Stage::Opening) {
+                    self.stage = Stage::ToTarget;
+                }
+            }
+            ArmEvent::Arrived { base_from_tool } => {
+                if let Stage::Moving(target) = self.stage {
+                    self.stage = Stage::AtTarget(Standing { target, base_from_tool });
+                    self.emit(Event::Arrived {
+                        view_index: target.view_index,
+                        attempt: target.attempt,
+                    });
+                }
+            }
+            ArmEvent::HeldElsewhere => self.hold(now, HoldBy::Robot),
+            ArmEvent::Held if self.ending.is_some() => self.park(now),
+            ArmEvent::Held => {
+                self.hold = Hold::Held;
+                self.emit(Event::Held);
+            }
+            ArmEvent::Parked => self.arm_done = true,
+            ArmEvent::Fault(fault) if self.ending.is_some() => {
+                self.emit(Event::Faulted { fault });
+                self.park(now);
+            }
+            ArmEvent::Fault(fault) => self.fault(now, fault),
+            ArmEvent::Dropped(reason) => self.note(format!("robot datagram dropped: {reason}")),
+        }
+    }
+
+    fn handle_identity(&mut self, now: Stamp, system: &SystemInformation) {
+        let simulated = system.simulated();
+        self.emit(Event::RobotIdentified {
+            model: system.model.clone(),
+            software: system.software.clone(),
+            simulated,
+        });
+        if simulated != self.wanted.simulated {
+            let seen = format!("{} at an address meant for {}", system.model, self.expected("robot"));
+            return self.fault(now, Fault::new(FaultCode::RobotIdentity, seen));
+        }
+        self.robot_known = true;
+        self.switch_on(now);
+    }
+
+    fn handle_camera_event(&mut self, now: Stamp, event: CameraEvent) {
+        match event {
+            CameraEvent::Ready(opened) => self.handle_camera_ready(now, &opened),
+            CameraEvent::ExposureDone { trigger_id } => {
+                if let Stage::Exposing(standing) = self.stage {
+                    debug_assert_eq!(trigger_id.view_index() as usize, standing.target.view_index);
+                    self.targets.pop_front();
+                    self.awaited = Some(standing);
+                    self.stage = Stage::ToTarget;
+                    let Target { view_index, attempt } = standing.target;
+                    self.emit(Event::ExposureDone { view_index, attempt });
+                }
+            }
+            CameraEvent::Frame(capture) => self.handle_capture(now, capture),
+            CameraEvent::Failed { reason, retryable, .. } => self.handle_failure(now, reason, retryable),
+            CameraEvent::Status(status) => self.emit(Event::CameraCondition { status }),
+            CameraEvent::Note(text) => self.note(text),
+            CameraEvent::Lost(trouble) => {
+                self.camera_done = true;
+                if self.ending.is_none() {
+                    self.fault(now, camera_fault(trouble));
+                } else {
+                    self.note(format!("camera, while ending: {trouble:?}"));
+                }
+            }
+            CameraEvent::Left => self.camera_done = true,
+        }
+    }
+
+    fn handle_camera_ready(&mut self, now: Stamp, opened: &Opened) {
+        let (greeting, caps) = (&opened.greeting, &opened.caps);
+        self.emit(Event::CameraReady {
+            model: greeting.model.clone(),
+            serial: greeting.serial.clone(),
+            simulated: greeting.simulated,
+            optics: caps.optics.clone(),
+            calibration_id: greeting.calibration_id,
+        });
+        if greeting.simulated != self.wanted.simulated {
+            let seen = format!("{} at an address meant for {}", greeting.model, self.expected("camera"));
+            return self.fault(now, Fault::new(FaultCode::CameraIdentity, seen));
+        }
+        let [near, _, far] = caps.working_distance_mm.map(f64::from);
+        let stand_off_mm = self.wanted.stand_off_mm;
+        if caps.optics != self.wanted.optics {
+            let seen = format!(
+                "the recipe asks for optics \"{}\", the camera has \"{}\"",
+                self.wanted.optics, caps.optics
+            );
+            return self.fault(now, Fault::new(FaultCode::CameraOptics, seen));
+        }
+        if !(near..=far).contains(&stand_off_mm) {
+            let seen = format!("a stand-off of {stand_off_mm} mm, but the camera works from {near} to {far} mm");
+            return self.fault(now, Fault::new(FaultCode::CameraOptics, seen));
+        }
+        self.camera_known = true;
+        self.switch_on(now);
+    }
+
+    /// Both devices are who they should be: only now is anything switched on.
+    fn switch_on(&mut self, now: Stamp) {
+        if self.robot_known && self.camera_known && self.ending.is_none() && self.hold == Hold::No {
+            self.arm.make_ready(now);
+        }
+    }
+
+    fn handle_capture(&mut self, now: Stamp, capture: Arc<Capture>) {
+        if capture.valid_count < self.wanted.points_min {
+            let reason = format!(
+                "{} valid points, at least {} wanted",
+                capture.valid_count, self.wanted.points_min
+            );
+            return self.handle_failure(now, reason, true);
+        }
+        let Some(standing) = self.awaited.take() else {
+            return self.note("a frame nobody waits for");
+        };
+        self.failures_in_a_row = 0;
+        let Target { view_index, attempt } = standing.target;
+        self.emit(Event::FrameArrived {
+            view_index,
+            attempt,
+            valid_count: capture.valid_count,
+            saturated_count: capture.saturated_count,
+        });
+        self.events.push_back(SessionEvent::Captured(Captured {
+            view_index,
+            attempt,
+            base_from_tool: standing.base_from_tool,
+            capture,
+        }));
+    }
+
+    fn handle_failure(&mut self, now: Stamp, reason: String, retryable: bool) {
+        let standing = match (self.awaited.take(), self.stage) {
+            (Some(standing), _) => standing,
+            (None, Stage::Exposing(standing)) => {
+                self.targets.pop_front();
+                self.stage = Stage::AtTarget(standing);
+                standing
+            }
+            (None, _) => return self.note(format!("a failed frame nobody waits for: {reason}")),
+        };
+        let Target { view_index, attempt } = standing.target;
+        let retaken = retryable && attempt < self.wanted.retakes_max;
+        self.emit(Event::FrameFailed {
+            view_index,
+            attempt,
+            reason: reason.clone(),
+            retaken,
+        });
+        if retaken {
+            let target = Target {
+                view_index,
+                attempt: attempt + 1,
+            };
+            self.targets.push_front(target);
+            if let Stage::AtTarget(standing) = &mut self.stage
+                && standing.target.view_index == view_index
+            {
+                standing.target = target;
+            }
+            return;
+        }
+        self.events.push_back(SessionEvent::Missing {
+            view_index,
+            reason: reason.clone(),
+        });
+        self.failures_in_a_row += 1;
+        if self.failures_in_a_row == FAILURES_MAX {
+            let seen = format!("{FAILURES_MAX} views in a row without a frame; the last: {reason}");
+            self.fault(now, Fault::new(FaultCode::CameraFailing, seen));
+        }
+    }
+
+    fn end(&mut self, now: Stamp, ending: Ending) {
+        if self.ending.is_some() {
+            return;
+        }
+        let finished = ending == Ending::Finished;
+        self.ending = Some(ending);
+        self.camera.leave(now);
+        self.camera_done = self.camera_done || self.camera.is_over();
+        if finished || self.hold == Hold::Held {
+            self.park(now);
+        } else if self.hold != Hold::Asked {
+            self.emit(Event::HoldAsked { by: HoldBy::Ending });
+            self.arm.hold(now);
+        }
+    }
+
+    fn park(&mut self, now: Stamp) {
+        if !self.parking {
+            self.parking = true;
+            self.arm.park(now);
+        }
+    }
+
+    /// Forgets a move or an arrival: after the hold the arm is sent anew.
+    fn interrupt(&mut self) {
+        if let Stage::Moving(_) | Stage::AtTarget(_) = self.stage {
+            self.stage = Stage::ToTarget;
+        }
+    }
+
+    fn expected(&self, device: &str) -> String {
+        let kind = if self.wanted.simulated { "simulated" } else { "real" };
+        format!("a {kind} {device}")
+    }
+
+    fn emit(&mut self, event: Event) {
+        self.events.push_back(SessionEvent::Event(event));
+    }
+
+    fn note(&mut self, text: impl Into<String>) {
+        self.emit(Event::Noted { text: text.into() });
+    }
+}
+
+fn camera_fault(trouble: Trouble) -> Fault {
+    match trouble {
+        Trouble::Unreachable(seen) => Fault::new(FaultCode::CameraUnreachable, seen),
+        Trouble::Closed(seen) => Fault::new(FaultCode::CameraLost, seen),
+        Trouble::Silent(seen) => Fault::new(FaultCode::CameraSilent, seen),
+        Trouble::Protocol(seen) => Fault::new(FaultCode::CameraProtocol, seen),
+        Trouble::Echo(seen) => Fault::new(FaultCode::CameraSettings, seen),
+        Trouble::Refused(error) => Fault::new(
+            FaultCode::CameraRefused,
+            format!("camera error {}: {}", error.code, error.text),
+        ),
+    }
+}
+
+fn arm_settings(station: &Station) -> ArmSettings {
+    let robot = &station.robot;
+    ArmSettings {
+        tool: robot.tool,
+        speed_mm_s: robot.speed_mm_s,
+        rotation_speed_rad_s: robot.rotation_speed_rad_s,
+        poll_interval_ms: ms(robot.poll_interval_ns),
+        start_grace_ms: ms(robot.start_grace_ns),
+        move_timeout_ms: ms(robot.move_timeout_ns),
+        settle_ms: ms(robot.settle_ns),
+        servo_timeout_ms: ms(robot.servo_timeout_ns),
+        position_tolerance_mm: robot.position_tolerance_mm,
+        rotation_tolerance_rad: robot.rotation_tolerance_rad,
+        exchange: robot::ExchangeSettings {
+            answer_timeout_ms: ms(robot.answer_timeout_ns),
+            ask_attempts: robot.ask_attempts,
+            set_repeat_ms: ms(robot.hold_repeat_ns),
+            set_timeout_ms: ms(robot.hold_timeout_ns),
+        },
+    }
+}
+
+fn camera_times(station: &Station) -> camera::ExchangeSettings {
+    let camera = &station.camera;
+    camera::ExchangeSettings {
+        connect_timeout_ms: ms(camera.connect_timeout_ns),
+        reply_timeout_ms: ms(camera.reply_timeout_ns),
+        frame_timeout_extra_ms: ms(camera.frame_timeout_extra_ns),
+        ping_interval_ms: ms(camera.ping_interval_ns),
+        dead_after_ms: ms(camera.dead_after_ns),
+    }
+}
+
+fn camera_settings(recipe: &Recipe) -> camera::CameraSettings {
+    use crate::settings::Roi;
+    let camera = &recipe.camera;
+    let (binning, roi_px) = match camera.roi {
+        Roi::Binned => (true, [1440, 1080, 0, 0, 0, 0]),
+        Roi::Rectangle {
+            width_px,
+            height_px,
+            x_px,
+            y_px,
+        } => (false, [width_px, height_px, x_px, y_px, x_px, y_px]),
+    };
+    camera::CameraSettings {
+        binning,
+        roi_px,
+        exposure_us: camera.exposure_us,
+        image_count: camera.image_count,
+        hdr_us: [camera.hdr_low_us.unwrap_or(0), camera.hdr_high_us.unwrap_or(0)],
+        compression: camera.compression as u8,
+        led_percent: camera.led_percent,
+        frame_time_ratio: camera.frame_time_ratio,
+        score_threshold: camera.score_threshold,
+        outlier_filter: camera.outlier_filter as u8,
+        reconstruction_quality: camera.reconstruction_quality,
+        pre_filtering: camera.pre_filtering,
+        working_volume: camera.working_volume as u8,
+        components: camera::COMPONENTS_WANTED,
+    }
+}
+
+fn ms(ns: u64) -> u64 {
+    ns / 1_000_000
+}
+
+/// Captured but unregistered views that stop the robot from going on: memory stays bounded.
+const BACKLOG_MAX: usize = 4;
+/// Views without a frame, one after the other, that end the run.
+const FAILURES_MAX: u32 = 3;
