@@ -163,6 +163,14 @@ impl Cell {
         }
     }
 
+    /// Cell of a run that was interrupted: what `earlier` tells of it stays in the truth.
+    pub fn resumed(scene: Scene, mut earlier: Truth) -> Self {
+        let mut cell = Self::new(scene);
+        earlier.faults.append(&mut cell.truth.faults);
+        (cell.truth.faults, cell.truth.views) = (earlier.faults, earlier.views);
+        cell
+    }
+
     /// Takes what happened at this time; times never go back. What was due before it happens first.
     pub fn handle_input(&mut self, now_ns: u64, input: Input) {
         self.camera.handle_wake(now_ns);

@@ -22,7 +22,7 @@ use crate::robot::pose::{Pose, isometry_from_mm_deg};
 use crate::scene::Scene;
 use crate::score::score_folder;
 use crate::shell::{self, Sockets};
-use crate::truth::PoseErrorSize;
+use crate::truth::{PoseErrorSize, Truth};
 
 /// Runs the command line `args` (without the name of the program) and says how it went: 0 done, 1 failed, 2 bad arguments
 /// or bad input. `program` stands in the help.
@@ -108,7 +108,7 @@ struct ServeArgs {
     /// Motion and exposure are this much faster than real; time-outs stay.
     #[arg(long, default_value_t = 1.0, value_parser = parse_speed)]
     speed: f64,
-    /// File for the truth, written after each acquisition.
+    /// File for the truth, written after each acquisition; that of the same run goes on.
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
     /// Fault to inject, KIND[=VALUE][@VIEW]; may be repeated, `faults` lists them.
@@ -155,6 +155,8 @@ enum CliError {
     Shell(#[from] shell::ShellError),
     #[error("cannot write {path}: {source}")]
     Write { path: PathBuf, source: io::Error },
+    #[error("{path} is the truth of another run: another blade, seed or optics, or no truth at all")]
+    OtherRun { path: PathBuf },
     #[error("cannot say where the cell listens: {0}")]
     Stdout(#[from] io::Error),
 }
@@ -162,7 +164,9 @@ enum CliError {
 impl CliError {
     fn exit_code(&self) -> ExitCode {
         match self {
-            Self::NoBlade(_) | Self::Stl(_) | Self::Renderer(_) | Self::Score(_) => ExitCode::from(2),
+            Self::NoBlade(_) | Self::Stl(_) | Self::Renderer(_) | Self::Score(_) | Self::OtherRun { .. } => {
+                ExitCode::from(2)
+            }
             Self::Shell(_) | Self::Write { .. } | Self::Stdout(_) => ExitCode::from(1),
         }
     }
@@ -211,20 +215,38 @@ fn serve(args: ServeArgs, devices: Devices) -> Result<(), CliError> {
         let robot_port = (devices != Devices::Camera).then_some(args.hses_port);
         let camera_port = (devices != Devices::Robot).then_some(args.a3dp_port);
         let sockets = Sockets::open(robot_port, camera_port).await?;
+        let cell = cell(scene, args.truth.as_deref())?;
         announce(&sockets, args.json)?;
-        shell::serve(
-            Cell::new(scene),
-            renderer,
-            sockets,
-            args.truth,
-            stop(args.until_stdin_closes),
-        )
-        .await?;
+        shell::serve(cell, renderer, sockets, args.truth, stop(args.until_stdin_closes)).await?;
         Ok(())
     });
     // A thread that waits for standard input must not keep the program.
     runtime.shutdown_background();
     served
+}
+
+/// The cell, and its truth on disk. A truth that is there already belongs to the same run, which goes on.
+fn cell(scene: Scene, truth_path: Option<&Path>) -> Result<Cell, CliError> {
+    let Some(path) = truth_path else {
+        return Ok(Cell::new(scene));
+    };
+    let cell = match std::fs::read(path) {
+        Ok(text) => {
+            let other_run = || CliError::OtherRun { path: path.to_owned() };
+            let earlier: Truth = serde_json::from_slice(&text).map_err(|_| other_run())?;
+            let here = (&scene.blade, scene.seed, scene.optics.name);
+            if (&earlier.blade, earlier.seed, earlier.optics.as_str()) != here {
+                return Err(other_run());
+            }
+            Cell::resumed(scene, earlier)
+        }
+        Err(_) => Cell::new(scene),
+    };
+    cell.truth().write(path).map_err(|source| CliError::Write {
+        path: path.to_owned(),
+        source,
+    })?;
+    Ok(cell)
 }
 
 /// Ends at Ctrl-C and, when asked, at the end of standard input.
@@ -313,13 +335,13 @@ fn scene(args: &ServeArgs, devices: Devices, mesh: &Mesh) -> Scene {
     scene
 }
 
-/// Where the tool must be so that the blade stands upright in the middle of the view at the nominal distance.
+/// Where the tool must be so that the blade lies along the wide side of the view, its middle at the nominal distance.
 fn pose_in_view(scene: &Scene, mesh: &Mesh) -> Pose {
     let middle_mm = mesh
         .extents_mm()
         .map_or_else(Default::default, |(low, high)| nalgebra::center(&low, &high));
     let blade_from_middle = Translation3::from(middle_mm.coords);
-    let camera_from_middle = isometry_from_mm_deg([0.0, 0.0, scene.optics.nominal_mm], [90.0, 0.0, 0.0]);
+    let camera_from_middle = isometry_from_mm_deg([0.0, 0.0, scene.optics.nominal_mm], [180.0, -90.0, 0.0]);
     let base_from_blade = scene.base_from_camera * camera_from_middle * blade_from_middle.inverse();
     Pose::from_isometry(&(base_from_blade * scene.tool_from_blade.inverse()))
 }
@@ -357,3 +379,102 @@ const BUILTIN: &str = "builtin:";
 const SPEED_RANGE: [f64; 2] = [0.01, 1000.0];
 /// Of an error, in mm or degrees.
 const SIZE_RANGE: [f64; 2] = [0.0, 10.0];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn run_with(args: &[&str]) -> String {
+        format!("{:?}", main_from(args.iter().map(OsString::from), "hw-sim"))
+    }
+
+    fn code(number: u8) -> String {
+        format!("{:?}", ExitCode::from(number))
+    }
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn bad_arguments_and_bad_input_exit_with_2_and_a_taken_port_with_1() {
+        let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let port = taken.local_addr().unwrap().port().to_string();
+        for args in [
+            &["cell", "--fault", "camera-on-fire@1"][..],
+            &["cell", "--speed", "0"],
+            &["cell", "--optics", "narrow"],
+            &["cell", "--base-from-camera", "1,2,3"],
+            &["cell", "--pose-error-mm", "-1"],
+            &["cell", "--blade", "builtin:fan"],
+            &["cell", "--blade", "/nowhere.stl"],
+            &["blade", "fan", "--out", "/nowhere/fan.stl"],
+            &["score", "/nowhere"],
+        ] {
+            assert_eq!(run_with(args), code(2), "{args:?}");
+        }
+        assert_eq!(run_with(&["camera", "--a3dp-port", &port]), code(1));
+        assert_eq!(run_with(&["--help"]), code(0));
+    }
+
+    #[test]
+    fn the_truth_of_a_resumed_run_goes_on_and_that_of_another_run_stays() {
+        let path = std::env::temp_dir().join(format!("hw-sim-cli-{}.json", std::process::id()));
+        let mut first = cell(Scene::default(), Some(&path)).unwrap().truth().clone();
+        first.record(7 << 16, &Isometry3::identity(), Vec::new(), false);
+        first.write(&path).unwrap();
+        let faults = vec![Fault::ConfigEcho];
+        let resumed = cell(
+            Scene {
+                faults,
+                ..Scene::default()
+            },
+            Some(&path),
+        )
+        .unwrap();
+        assert_eq!(resumed.truth().views, first.views);
+        assert_eq!(resumed.truth().faults, ["config-echo"]);
+        let other = cell(
+            Scene {
+                seed: 2,
+                ..Scene::default()
+            },
+            Some(&path),
+        );
+        std::fs::remove_file(&path).unwrap();
+        assert!(matches!(other, Err(CliError::OtherRun { .. })));
+    }
+
+    #[test]
+    fn poses_may_be_negative() {
+        let args = [
+            "cell",
+            "--base-from-camera",
+            "-1,-2,-3,-90,0,0",
+            "--fault",
+            "estop@3",
+            "--fault",
+            "remote-off",
+        ];
+        let cli = Cli::try_parse_from(["hw-sim"].into_iter().chain(args)).unwrap();
+        let Command::Cell(args) = cli.command else { panic!() };
+        assert_eq!(
+            args.base_from_camera,
+            isometry_from_mm_deg([-1.0, -2.0, -3.0], [-90.0, 0.0, 0.0])
+        );
+        assert_eq!(args.faults, [Fault::Estop { view: 3 }, Fault::RemoteOff]);
+    }
+
+    #[test]
+    fn the_camera_alone_sees_the_blade() {
+        let cli = Cli::try_parse_from(["hw-sim", "camera"]).unwrap();
+        let Command::Camera(args) = cli.command else { panic!() };
+        let mesh = Builtin::HptA.mesh();
+        let scene = scene(&args, Devices::Camera, &mesh);
+        let base_from_blade = scene.home.to_isometry() * scene.tool_from_blade;
+        let camera_from_blade = scene.base_from_camera.inverse() * base_from_blade;
+        let (low, high) = mesh.extents_mm().unwrap();
+        assert!(scene.optics.covers(&camera_from_blade, &[low, high]));
+    }
+}

@@ -19,4 +19,6 @@ pub mod shell;
 pub mod truth;
 
 #[cfg(test)]
+mod test_client;
+#[cfg(test)]
 mod vectors;

@@ -41,7 +41,7 @@ impl Default for Scene {
     /// The blade hpt-a before fine optics, in real time, with the usual errors and no faults.
     fn default() -> Self {
         Self {
-            blade: "builtin:hpt-a".to_owned(),
+            blade: "hpt-a".to_owned(),
             optics: Optics::fine(),
             noise: SurfaceNoise::matte(),
             base_from_camera: isometry_from_mm_deg([1000.0, -700.0, 1000.0], [-90.0, 0.0, 0.0]),

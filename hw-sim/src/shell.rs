@@ -97,7 +97,7 @@ impl Sockets {
     }
 }
 
-/// Serves until `stop` ends. The truth is written at the start, after each acquisition and at the end.
+/// Serves until `stop` ends. The truth is written after each acquisition, the last time before this returns.
 pub async fn serve(
     cell: Cell,
     renderer: Arc<Renderer>,
@@ -139,6 +139,23 @@ struct Connection {
     writer: JoinHandle<()>,
 }
 
+impl Connection {
+    /// Ends the connection from this side. What the client still sends is read for a while: closing over unread bytes
+    /// would reset the connection and take the last bytes away from the client.
+    async fn linger(self) {
+        let Self {
+            bytes,
+            mut reader,
+            writer,
+        } = self;
+        drop(bytes);
+        tokio::time::timeout(WRITE_TIME_OUT, writer).await.ok();
+        if tokio::time::timeout(LINGER, &mut reader).await.is_err() {
+            reader.abort();
+        }
+    }
+}
+
 impl Shell {
     async fn run(
         &mut self,
@@ -163,6 +180,9 @@ impl Shell {
                 Some(input) = inputs.recv() => input,
                 () = sleep_until(wake_at) => Input::Wake,
             };
+            if let Input::CameraClosed { connection } = &input {
+                self.writers.remove(connection);
+            }
             self.cell.handle_input(self.now_ns(), input);
             self.put_out(sockets).await;
         }
@@ -186,7 +206,7 @@ impl Shell {
                 }
                 Output::CameraClose { connection } => {
                     if let Some(connection) = self.writers.remove(&connection) {
-                        connection.reader.abort();
+                        tokio::spawn(connection.linger());
                     }
                 }
                 Output::Render(job) => self.render(job),
@@ -204,7 +224,6 @@ impl Shell {
         if let Err(error) = stream.set_nodelay(true) {
             log(&format!("camera connection {connection}: no TCP_NODELAY: {error}"));
         }
-        self.writers.retain(|_, connection| !connection.writer.is_finished());
         let (reader, writer) = stream.into_split();
         let (bytes, to_write) = mpsc::unbounded_channel();
         let state = Connection {
@@ -243,10 +262,8 @@ impl Shell {
             Some(writer) => writer.await.unwrap_or(Ok(())),
             None => Ok(()),
         };
-        for Connection { bytes, reader, writer } in writers.into_values() {
-            reader.abort();
-            drop(bytes);
-            tokio::time::timeout(WRITE_TIME_OUT, writer).await.ok();
+        for connection in writers.into_values() {
+            connection.linger().await;
         }
         written
     }
@@ -308,7 +325,6 @@ async fn write(mut stream: OwnedWriteHalf, mut bytes: mpsc::UnboundedReceiver<Ve
 
 /// Writes the newest truth whenever it has changed, and the last one before it ends.
 async fn write_truths(path: PathBuf, mut truths: watch::Receiver<Truth>) -> Result<(), ShellError> {
-    truths.mark_changed();
     while truths.changed().await.is_ok() {
         let truth = truths.borrow_and_update().clone();
         let target = path.clone();
@@ -335,4 +351,9 @@ fn log(line: &str) {
 const DATAGRAM_BYTES_MAX: usize = 2048;
 const INPUT_COUNT_MAX: usize = 64;
 const READ_BYTES: usize = 65_536;
+const LINGER: Duration = Duration::from_millis(500);
 const WRITE_TIME_OUT: Duration = Duration::from_secs(5);
+
+#[cfg(test)]
+#[path = "shell_tests.rs"]
+mod tests;

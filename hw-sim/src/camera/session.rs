@@ -2,12 +2,12 @@
 
 use std::collections::VecDeque;
 
-use crate::camera::device::{CALIBRATION_ID, Counts, DeviceSettings, LINK_MBIT_S, STATE_IDLE, TEMPERATURE_C};
+use crate::camera::acquisition::{Acquisition, Config, Stage, capture, predicted_us};
+use crate::camera::device::{Counts, DeviceSettings};
 use crate::camera::fields::{Rest, Zero};
-use crate::camera::message::{
-    Aborted, Caps, Configured, ExposureDone, FrameEnd, FrameHead, Message, NO_TRIGGER, Trigger, TriggerOk,
-};
-use crate::camera::render::{Capture, Frame, Roi};
+use crate::camera::identity::{LINK_MBIT_S, STATE_IDLE};
+use crate::camera::message::{Aborted, Caps, Configured, FrameEnd, Message, NO_TRIGGER, Trigger, TriggerOk};
+use crate::camera::render::{Capture, Frame};
 use crate::camera::settings::{Settings, SettingsError};
 use crate::camera::transfer::{self, Transfer};
 use crate::fault::Fault;
@@ -49,38 +49,6 @@ pub(crate) struct Refusal {
     pub(crate) phase: u8,
     pub(crate) is_retryable: bool,
     pub(crate) text: String,
-}
-
-/// Settings in force.
-#[derive(Clone, Debug)]
-struct Config {
-    id: u32,
-    settings: Settings,
-    exposure_us: u32,
-    total_us: u32,
-}
-
-/// An accepted trigger that has not ended.
-#[derive(Clone, Debug)]
-struct Acquisition {
-    job: u64,
-    trigger_id: u64,
-    view_id: u32,
-    config: Config,
-    begin_ns: u64,
-    exposure_end_ns: u64,
-    reconstruction_end_ns: u64,
-    deadline_ns: Option<u64>,
-    frame: Option<Frame>,
-    stage: Stage,
-    fault: Option<Fault>,
-}
-
-#[derive(Clone, Debug)]
-enum Stage {
-    Exposing,
-    Reconstructing,
-    Sending { transfer: Transfer, next_ns: u64 },
 }
 
 impl Session {
@@ -326,7 +294,7 @@ impl Session {
             (Stage::Exposing, _) => {
                 acquisition.stage = Stage::Reconstructing;
                 self.steps
-                    .extend([acquisition.exposure_done(), Step::Exposed(acquisition.job)]);
+                    .extend([Step::Send(acquisition.exposure_done()), Step::Exposed(acquisition.job)]);
             }
             (Stage::Reconstructing, _) => self.begin_frame(now_ns, counts),
             (Stage::Sending { .. }, _) => self.send_chunk(counts, device),
@@ -354,7 +322,7 @@ impl Session {
         self.steps
             .push_back(Step::Send(Message::FrameBegin(transfer.begin().clone())));
         acquisition.stage = Stage::Sending {
-            transfer,
+            transfer: Box::new(transfer),
             next_ns: now_ns,
         };
     }
@@ -418,69 +386,6 @@ impl Session {
     }
 }
 
-impl Acquisition {
-    /// When the stage ends; none while it waits for the frame.
-    fn due_ns(&self) -> Option<u64> {
-        match &self.stage {
-            Stage::Exposing => Some(self.exposure_end_ns),
-            Stage::Reconstructing => {
-                let needs_no_frame = matches!(self.fault, Some(Fault::CameraError { .. }));
-                (self.frame.is_some() || needs_no_frame).then_some(self.reconstruction_end_ns)
-            }
-            Stage::Sending { next_ns, .. } => Some(*next_ns),
-        }
-    }
-
-    fn phase(&self) -> u8 {
-        match self.stage {
-            Stage::Exposing => 2,
-            Stage::Reconstructing => 3,
-            Stage::Sending { .. } => 4,
-        }
-    }
-
-    fn exposure_done(&self) -> Step {
-        Step::Send(Message::ExposureDone(ExposureDone {
-            trigger_id: self.trigger_id,
-            exposure_begin_ns: self.begin_ns,
-            exposure_end_ns: self.exposure_end_ns,
-        }))
-    }
-
-    fn head(&self, now_ns: u64, frame_id: u64) -> FrameHead {
-        let settings = &self.config.settings;
-        let is_binned = settings.binning == 1;
-        let first_px = |camera_px: [u16; 2]| if is_binned { [0, 0] } else { camera_px };
-        FrameHead {
-            frame_id,
-            trigger_id: self.trigger_id,
-            view_id: self.view_id,
-            config_id: self.config.id,
-            exposure_begin_ns: self.begin_ns,
-            exposure_end_ns: self.exposure_end_ns,
-            reconstruction_end_ns: now_ns,
-            clock_id: 0,
-            unit: 1,
-            axes: 1,
-            reserved_1: Zero,
-            frame_flags: settings.pass_count() | u32::from(is_binned) << 8 | FLAG_SIMULATED,
-            width_px: 0,
-            height_px: 0,
-            camera_1_px: first_px(settings.roi.camera_1_px),
-            camera_2_px: first_px(settings.roi.camera_2_px),
-            calibration_id: CALIBRATION_ID,
-            scale: [1.0; 3],
-            offset: [0.0; 3],
-            valid_count: 0,
-            saturated_count: 0,
-            temperature_c: TEMPERATURE_C,
-            component_count: 0,
-            entry_len: 0,
-            reserved_2: Zero,
-        }
-    }
-}
-
 impl Refusal {
     /// Refusal that names no trigger. What the state of the camera refuses may be tried again.
     pub(crate) fn new(code: u16, text: &str) -> Self {
@@ -491,29 +396,6 @@ impl Refusal {
             is_retryable: (201..=206).contains(&code),
             text: text.to_owned(),
         }
-    }
-}
-
-/// Exposure phase, and exposure and reconstruction, in real time.
-fn predicted_us(settings: &Settings, speed: f64) -> (u32, u32) {
-    let image_us = (f64::from(settings.exposure_us) * f64::from(settings.frame_time_ratio)).max(IMAGE_MIN_US);
-    let exposure_us = f64::from(settings.pass_count()) * f64::from(settings.image_count) * image_us;
-    let real_us = |camera_us: f64| (camera_us / speed).ceil().min(f64::from(u32::MAX)) as u32;
-    (real_us(exposure_us), real_us(exposure_us + RECONSTRUCTION_US))
-}
-
-fn capture(settings: &Settings) -> Capture {
-    Capture {
-        binning: settings.binning == 1,
-        roi: Roi {
-            width_px: u32::from(settings.roi.width_px),
-            height_px: u32::from(settings.roi.height_px),
-            offset_x_px: u32::from(settings.roi.camera_1_px[0]),
-            offset_y_px: u32::from(settings.roi.camera_1_px[1]),
-        },
-        exposure_us: f64::from(settings.exposure_us),
-        image_count: u32::from(settings.image_count),
-        score_threshold: settings.score_threshold,
     }
 }
 
@@ -538,10 +420,6 @@ const STATE_RECONSTRUCTING: u8 = 4;
 const STATE_SENDING: u8 = 5;
 const PHASE_ACKNOWLEDGE: u8 = 1;
 const MODE_SOFTWARE: u8 = 1;
-const FLAG_SIMULATED: u32 = 1 << 11;
 const SIGN_OF_LIFE_NS: u64 = 1_000_000_000;
 /// Ids that a repeated trigger is compared with.
 const DONE_COUNT_MAX: usize = 4096;
-/// Shortest time of an image: the projector's.
-const IMAGE_MIN_US: f64 = 4500.0;
-const RECONSTRUCTION_US: f64 = 100_000.0;

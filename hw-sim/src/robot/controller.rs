@@ -8,7 +8,11 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::fault::Fault;
 use crate::robot::hses::{self, Refusal, Request};
-use crate::robot::motion::{Motion, Rate};
+use crate::robot::motion::Motion;
+use crate::robot::order::{
+    ALARM_PRESENT, HELD_BY_COMMAND, HELD_BY_PENDANT, INSTANCE_ALARM_RESET, INSTANCE_HOLD, INSTANCE_PULSES, MOVING,
+    MoveOrder, NOT_REMOTE, SERVO_OFF, SERVO_REFUSED, SWITCH_ON, VALUE, WRONG_MODE, check_target, no_data, switch_value,
+};
 use crate::robot::pose::Pose;
 
 /// What a controller is built with.
@@ -416,123 +420,6 @@ impl Controller {
     }
 }
 
-/// A move whose fields are all acceptable.
-struct MoveOrder {
-    target: Pose,
-    rate: Rate,
-    tool: i32,
-}
-
-impl MoveOrder {
-    /// Checks the fields of section 4 of the page.
-    fn read(request: &Request, settings: &Settings) -> Result<Self, Refusal> {
-        let fields: [i32; 26] = hses::words(&request.data).ok_or(Refusal::Failed(DATA_SIZE))?;
-        let [
-            robot,
-            station,
-            class,
-            speed,
-            coordinate,
-            x,
-            y,
-            z,
-            rx,
-            ry,
-            rz,
-            reserve_1,
-            reserve_2,
-            form,
-            form_2,
-            tool,
-            user,
-            others @ ..,
-        ] = fields;
-        if robot != 0 && station != 0 {
-            return Err(Refusal::Failed(TWO_GROUPS));
-        }
-        let rate = rate(class, speed)?;
-        let position_um = [x, y, z];
-        let turn_e4_deg = [rx, ry, rz];
-        let is_inside = (0..3).all(|axis| {
-            (settings.workspace_min_um[axis]..=settings.workspace_max_um[axis]).contains(&position_um[axis])
-        });
-        let is_turn = turn_e4_deg.iter().all(|turn| (-1_800_000..=1_800_000).contains(turn));
-        let refusals = [
-            (!matches!(coordinate, COORDINATE_BASE | COORDINATE_ROBOT), COORDINATE),
-            (form != 0 || form_2 != 0, FORM_REFUSED),
-            (!(0..=63).contains(&tool), TOOL),
-            (user != 0, USER),
-            (
-                robot != 1 || reserve_1 != 0 || reserve_2 != 0 || others.iter().any(|other| *other != 0),
-                VALUE,
-            ),
-            (!is_inside || !is_turn, VALUE),
-        ];
-        if let Some((_, code)) = refusals.into_iter().find(|(refuses, _)| *refuses) {
-            return Err(Refusal::Failed(code));
-        }
-        Ok(Self {
-            target: Pose {
-                position_um,
-                turn_e4_deg,
-            },
-            rate,
-            tool,
-        })
-    }
-}
-
-fn rate(class: i32, speed: i32) -> Result<Rate, Refusal> {
-    match (class, speed) {
-        (0..=2, 0) => Err(Refusal::Failed(SPEED_MISSING)),
-        (0, 1..=10_000) => Ok(Rate::Share(f64::from(speed) / 10_000.0)),
-        (1, 1..=15_000) => Ok(Rate::ToolPoint(f64::from(speed) * 0.1)),
-        (2, 1..=1_800) => Ok(Rate::Turn((f64::from(speed) * 0.1).to_radians())),
-        _ => Err(Refusal::Failed(SPEED)),
-    }
-}
-
-/// Command, instance, attribute and service, in this order.
-fn check_target(request: &Request) -> Result<(), Refusal> {
-    let (instances, attributes, service): (&[u16], &[u8], u8) = match request.command {
-        hses::COMMAND_ALARM => (&[1, 2, 3, 4], &[0], hses::SERVICE_GET_ALL),
-        hses::COMMAND_STATUS => (&[1], &[0], hses::SERVICE_GET_ALL),
-        hses::COMMAND_POSITION => (&[INSTANCE_PULSES, 101], &[0], hses::SERVICE_GET_ALL),
-        hses::COMMAND_RESET => (&[INSTANCE_ALARM_RESET, 2], &[1], hses::SERVICE_SET),
-        hses::COMMAND_SWITCH => (&[INSTANCE_HOLD, 2], &[1], hses::SERVICE_SET),
-        hses::COMMAND_SYSTEM => (&[11], &[0], hses::SERVICE_GET_ALL),
-        hses::COMMAND_MOVE => (&[2], &[0, 1], hses::SERVICE_SET_ALL),
-        _ => return Err(Refusal::UndefinedCommand),
-    };
-    if !instances.contains(&request.instance) {
-        return Err(Refusal::NoInstance);
-    }
-    if !attributes.contains(&request.attribute) {
-        return Err(Refusal::InvalidAttribute);
-    }
-    if request.service != service {
-        return Err(Refusal::UndefinedCommand);
-    }
-    Ok(())
-}
-
-fn no_data(request: &Request) -> Result<(), Refusal> {
-    if request.data.is_empty() {
-        Ok(())
-    } else {
-        Err(Refusal::Failed(DATA_SIZE))
-    }
-}
-
-/// 1 or 2.
-fn switch_value(request: &Request) -> Result<i32, Refusal> {
-    match hses::words(&request.data) {
-        Some([value @ 1..=2]) => Ok(value),
-        Some(_) => Err(Refusal::Failed(VALUE)),
-        None => Err(Refusal::Failed(DATA_SIZE)),
-    }
-}
-
 /// "YYYY/MM/DD HH:MM" of a calendar that begins when the cell does.
 fn controller_time(now_ns: u64) -> String {
     let minutes = 3 * 60 + 4 + now_ns / 60_000_000_000;
@@ -551,34 +438,10 @@ fn alarm_name(code: u32) -> &'static str {
     }
 }
 
-const INSTANCE_HOLD: u16 = 1;
-const INSTANCE_ALARM_RESET: u16 = 1;
-const INSTANCE_PULSES: u16 = 1;
-const SWITCH_ON: i32 = 1;
-const COORDINATE_BASE: i32 = 16;
-const COORDINATE_ROBOT: i32 = 17;
 const TOOL_AT_START: i32 = 1;
 /// Arm configuration that the position answer states: the one of the page's vector.
 const FORM: i32 = 4;
 const ALARM_COUNT_MAX: usize = 4;
-
-const MOVING: u16 = 0x2010;
-const HELD_BY_PENDANT: u16 = 0x2020;
-const HELD_BY_COMMAND: u16 = 0x2050;
-const ALARM_PRESENT: u16 = 0x2060;
-const SERVO_OFF: u16 = 0x2070;
-const WRONG_MODE: u16 = 0x2080;
-const NOT_REMOTE: u16 = 0x2100;
-const SERVO_REFUSED: u16 = 0x3450;
-const DATA_SIZE: u16 = 0xB003;
-const VALUE: u16 = 0xB004;
-const TWO_GROUPS: u16 = 0xB008;
-const SPEED: u16 = 0xB009;
-const SPEED_MISSING: u16 = 0xB00A;
-const COORDINATE: u16 = 0xB00B;
-const FORM_REFUSED: u16 = 0xB00C;
-const TOOL: u16 = 0xB00D;
-const USER: u16 = 0xB00E;
 
 #[cfg(test)]
 #[path = "controller_tests.rs"]

@@ -3,4 +3,5 @@
 pub mod controller;
 pub mod hses;
 pub mod motion;
+mod order;
 pub mod pose;
