@@ -11,7 +11,7 @@ use super::reference::{rms_radius, roughness_of};
 use super::{FineStage, Overlap, POINT_MIN_COUNT, Reference, Registration, Search, Settings, Stage, Status};
 use crate::geometry::PointCloud;
 use crate::geometry::nearest::NearestPoints;
-use crate::geometry::normals::with_estimated_normals;
+use crate::geometry::normals::{Roughness, with_estimated_normals};
 use crate::geometry::sampling::random_indices;
 
 pub(super) fn run(
@@ -38,7 +38,11 @@ pub(super) fn run(
     };
     let given_normals = template.normals().is_some();
     let tree = NearestPoints::new(template.points());
-    let roughness = reference.roughness().hypot(roughness_of(template.points(), &tree));
+    let (fixed, moving) = (reference.roughness(), roughness_of(template.points(), &tree));
+    let roughness = Roughness {
+        scatter: fixed.scatter.hypot(moving.scatter),
+        fuzziness: fixed.fuzziness.max(moving.fuzziness),
+    };
     let work = Work {
         template: with_normals(template, &tree),
         roughness,
@@ -112,7 +116,7 @@ pub(super) fn run(
             stages.end("fine", fine.iterations);
             let status = if overlap.fraction < settings.overlap_min_fraction {
                 Status::Failed
-            } else if rmse > settings.residual_max_factor * work.roughness
+            } else if rmse > settings.residual_max_factor * work.roughness.scatter
                 || (!noisy && work.is_ambiguous(&rivals, &fine))
             {
                 Status::Ambiguous
@@ -174,8 +178,8 @@ struct Work<'a> {
     reference: &'a Reference,
     problem: Problem<'a>,
     settings: &'a Settings,
-    /// Of both clouds together, in their unit.
-    roughness: f64,
+    /// Of both clouds together.
+    roughness: Roughness,
 }
 
 impl Work<'_> {
@@ -285,7 +289,7 @@ impl Work<'_> {
     /// Whether the fine stage is full-sample NFI.
     fn is_noisy(&self) -> bool {
         match self.settings.fine {
-            FineStage::Automatic => self.roughness > NOISY_SPACINGS * self.reference.spacing(),
+            FineStage::Automatic => self.roughness.fuzziness > NOISY_FUZZINESS,
             FineStage::TrimmedIcp => false,
             FineStage::FullSampleNfi => true,
         }
@@ -299,8 +303,8 @@ impl Work<'_> {
     ) -> Option<Refined> {
         let sample = self.sample(NFI_COUNT, rng).points;
         let reference = self.reference_sample(NFI_COUNT, rng);
-        let found = minimum(&sample, &reference, candidates, self.roughness)?;
-        let reach = (3.0 * self.roughness).max(self.reference.default_overlap_distance());
+        let found = minimum(&sample, &reference, candidates, self.roughness.scatter)?;
+        let reach = (3.0 * self.roughness.scatter).max(self.reference.default_overlap_distance());
         Some(Refined {
             pose: found.pose,
             iterations: found.iterations,
@@ -378,8 +382,8 @@ const GLOBAL_KEPT_COUNT: usize = 6;
 const NEAR_TEMPLATE_COUNT: usize = 2000;
 const NEAR_REFERENCE_FACTOR: usize = 8;
 const NORMAL_NEIGHBOUR_COUNT: usize = 20;
-/// Roughness over spacing from which on points have no partners.
-const NOISY_SPACINGS: f64 = 0.7;
+/// From this fuzziness on there is no surface to register to, only points.
+const NOISY_FUZZINESS: f64 = 0.58;
 /// How many points of each cloud take part in full-sample NFI.
 const NFI_COUNT: usize = 4000;
 
