@@ -434,6 +434,12 @@ fn turns() -> Vec<Vector6<f64>> {
         [-1.0, 1.0, 1.0],
         [1.0, -1.0, 1.0],
         [1.0, 1.0, -1.0],
+        [0.0, 1.0, 1.0],
+        [0.0, 1.0, -1.0],
+        [1.0, 0.0, 1.0],
+        [1.0, 0.0, -1.0],
+        [1.0, 1.0, 0.0],
+        [1.0, -1.0, 0.0],
     ];
     let mut turns = Vec::new();
     for angle in TURNS_RAD {
@@ -472,7 +478,7 @@ const JUDGE_SPACINGS: f64 = 4.0;
 const JUDGE_SCATTERS: f64 = 3.0;
 const JUDGE_SCALE_SPACINGS: f64 = 0.1;
 /// How far turned starts are turned.
-const TURNS_RAD: [f64; 4] = [0.44, -0.44, 0.87, -0.87];
+const TURNS_RAD: [f64; 2] = [0.75, -0.75];
 /// How many of the turned starts are refined further.
 const TURNED_KEPT_COUNT: usize = 4;
 /// Scores this much apart are different.
