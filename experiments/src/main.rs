@@ -3,6 +3,7 @@
 mod cases;
 mod model;
 mod pairs;
+mod speed;
 
 use clap::{Parser, Subcommand};
 
@@ -19,11 +20,14 @@ enum Command {
     Pairs(pairs::PairsArguments),
     /// Registers the views of a folder one after the other to the growing model.
     Model(model::ModelArguments),
+    /// Times the parts that have a budget, on generated data.
+    Speed,
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     match Arguments::parse().command {
         Command::Pairs(arguments) => pairs::run(&arguments),
         Command::Model(arguments) => model::run(&arguments),
+        Command::Speed => speed::run(),
     }
 }

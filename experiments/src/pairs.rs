@@ -84,7 +84,7 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
                 .collect();
             writeln!(
                 out,
-                "{} {} {:?} rot {:.5} trans {:.5} rmse {:.5} overlap {:.3} ratio {:.2} weak {:?} [{}]",
+                "{} {} {:?} rot {:.5} trans {:.5} rmse {:.5} overlap {:.3} fuzziness {:.2} weak {:?} [{}]",
                 relative.display(),
                 if errors.success { "ok" } else { "FAIL" },
                 found.status,
@@ -92,7 +92,7 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
                 errors.translation,
                 errors.rmse,
                 found.overlap.fraction,
-                found.rmse / reference.roughness(),
+                reference.roughness().fuzziness,
                 found.weak_directions.iter().map(|weak| weak.sigma).collect::<Vec<_>>(),
                 stages.join(", "),
             )?;

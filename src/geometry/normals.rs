@@ -185,10 +185,21 @@ pub fn with_estimated_normals(
     cloud.clone().with_normals(normals).unwrap_or_else(|| cloud.clone())
 }
 
-/// How rough a surface is: the median, over the points at `indices`, of the standard deviation of the
-/// `neighbour_count` nearest points from their own plane. Noise and curvature both count; 0 without points.
-pub fn roughness(points: &[Point3<f64>], tree: &NearestPoints, indices: &[usize], neighbour_count: usize) -> f64 {
-    let mut spreads: Vec<f64> = indices
+/// How far a cloud is from being a surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Roughness {
+    /// Median standard deviation of a point's neighbours from their own plane, in the points' unit. Noise and curvature
+    /// both count.
+    pub scatter: f64,
+    /// Scatter across over scatter along the surface, 0 (a smooth sheet) to 1 (no sheet at all). The lower quartile, so
+    /// that up to half of the points may be outliers.
+    pub fuzziness: f64,
+}
+
+/// Measures roughness at the points of `indices`, over the `neighbour_count` nearest points of each; zeros without
+/// points.
+pub fn roughness(points: &[Point3<f64>], tree: &NearestPoints, indices: &[usize], neighbour_count: usize) -> Roughness {
+    let spreads: Vec<(f64, f64)> = indices
         .par_iter()
         .with_min_len(64)
         .map(|&index| {
@@ -196,11 +207,21 @@ pub fn roughness(points: &[Point3<f64>], tree: &NearestPoints, indices: &[usize]
             for found in tree.nearest_many(&points[index], neighbour_count.max(4)) {
                 moments.add(&(points[found.index] - points[index]));
             }
-            moments.covariance().symmetric_eigenvalues().min().max(0.0).sqrt()
+            let mut values: [f64; 3] = moments.covariance().symmetric_eigenvalues().into();
+            values.sort_by(f64::total_cmp);
+            let [across, along, _] = values.map(|value| value.max(0.0).sqrt());
+            (across, if along > 0.0 { across / along } else { 0.0 })
         })
         .collect();
-    spreads.sort_by(f64::total_cmp);
-    spreads.get(spreads.len() / 2).copied().unwrap_or(0.0)
+    let quantile = |mut values: Vec<f64>, share: f64| {
+        values.sort_by(f64::total_cmp);
+        let index = (share * values.len() as f64) as usize;
+        values.get(index).copied().unwrap_or(0.0)
+    };
+    Roughness {
+        scatter: quantile(spreads.iter().map(|spread| spread.0).collect(), 0.5),
+        fuzziness: quantile(spreads.iter().map(|spread| spread.1).collect(), 0.25),
+    }
 }
 
 /// First and second moments of offsets.

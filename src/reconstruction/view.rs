@@ -87,6 +87,13 @@ pub enum DiscardReason {
     /// No pose was found.
     #[error("the registration failed")]
     Failed,
+    /// Another pose explains the view as well, or this one leaves residuals that noise does not explain. Merging a wrong
+    /// pose would spoil every later view.
+    #[error("the registration is ambiguous (residual {rmse:.4})")]
+    Ambiguous {
+        /// The registration's residual, in the clouds' unit.
+        rmse: f64,
+    },
     /// Less than τ₀.
     #[error("the overlap of {count} points ({fraction:.3} of the view) is less than required")]
     TooLittleOverlap {
@@ -155,6 +162,11 @@ pub fn register_view(
 fn decide(registration: &Registration, rotation_rad: f64, distance: f64, settings: &ViewSettings) -> Decision {
     if registration.status == Status::Failed {
         return Decision::Discard(DiscardReason::Failed);
+    }
+    if registration.status == Status::Ambiguous {
+        return Decision::Discard(DiscardReason::Ambiguous {
+            rmse: registration.rmse,
+        });
     }
     let Overlap { count, fraction } = registration.overlap;
     let enough = match settings.overlap_min {

@@ -56,35 +56,46 @@ pub(super) fn residuals(
     (overlap, (squared / count.max(1) as f64).sqrt())
 }
 
-/// The share of the sample that lies on the reference's surface with agreeing normals, each point weighed by how near:
-/// 0 (nothing fits) to 1 (every point on the surface).
-pub(super) fn score(sample: &Sample, reference: &Reference, pose: &Isometry3<f64>, reach: f64, oriented: bool) -> f64 {
-    let parts: Vec<f64> = sample
-        .points
-        .par_chunks(CHUNK_COUNT)
-        .zip(sample.normals.par_chunks(CHUNK_COUNT))
-        .map(|(points, normals)| {
-            let mut sum = 0.0;
-            for (point, normal) in points.iter().zip(normals) {
-                let placed = pose * point;
-                let Some(found) = reference.nearest(&placed) else {
-                    continue;
-                };
-                if found.distance > reach {
-                    continue;
+/// What judges poses: a sample of the template and how near its points must come.
+pub(super) struct Judge {
+    pub(super) sample: Sample,
+    /// A point farther than this from any reference point does not overlap.
+    pub(super) reach: f64,
+    /// A residual of this size halves a point's weight.
+    pub(super) residual_scale: f64,
+    /// Whether the sign of the normals means something.
+    pub(super) oriented: bool,
+}
+
+impl Judge {
+    /// The share of the sample that lies on the reference's surface with agreeing normals, each point weighed by how
+    /// near: 0 (nothing fits) to 1 (every point on the surface).
+    pub(super) fn score(&self, reference: &Reference, pose: &Isometry3<f64>) -> f64 {
+        let parts: Vec<f64> = self
+            .sample
+            .points
+            .par_chunks(JUDGE_CHUNK_COUNT)
+            .zip(self.sample.normals.par_chunks(JUDGE_CHUNK_COUNT))
+            .map(|(points, normals)| {
+                let mut sum = 0.0;
+                for (point, normal) in points.iter().zip(normals) {
+                    let placed = pose * point;
+                    let Some(found) = reference.nearest(&placed) else {
+                        continue;
+                    };
+                    let surface = &reference.normals()[found.index];
+                    let cosine = (pose * normal).dot(surface);
+                    let cosine = if self.oriented { cosine } else { cosine.abs() };
+                    if found.distance <= self.reach && cosine > AGREEMENT {
+                        let residual = surface.dot(&(placed - reference.points()[found.index])) / self.residual_scale;
+                        sum += 1.0 / (1.0 + residual * residual);
+                    }
                 }
-                let surface = &reference.normals()[found.index];
-                let cosine = (pose * normal).dot(surface);
-                let cosine = if oriented { cosine } else { cosine.abs() };
-                if cosine > AGREEMENT {
-                    let residual = surface.dot(&(placed - reference.points()[found.index])) / reach;
-                    sum += (1.0 - residual * residual).powi(2);
-                }
-            }
-            sum
-        })
-        .collect();
-    parts.iter().sum::<f64>() / sample.points.len().max(1) as f64
+                sum
+            })
+            .collect();
+        parts.iter().sum::<f64>() / self.sample.points.len().max(1) as f64
+    }
 }
 
 impl Registration {
@@ -103,5 +114,6 @@ impl Registration {
 }
 
 const CHUNK_COUNT: usize = 1024;
+const JUDGE_CHUNK_COUNT: usize = 256;
 /// Least cosine between the normals of a point and the surface that it is said to lie on.
 const AGREEMENT: f64 = 0.85;

@@ -43,7 +43,7 @@ pub struct Settings {
     pub mpe: MpeSettings,
     /// What ends the work.
     pub fine: FineStage,
-    /// The levels of trimmed ICP, before the fine stage and in it.
+    /// The levels of trimmed ICP, before the fine stage and in it. Without any level every registration fails.
     pub icp: IcpSettings,
     /// A template point overlaps if a reference point is at most this far away, in the clouds' unit. `None`: three times
     /// the reference's median spacing.
@@ -158,11 +158,10 @@ pub struct Overlap {
 /// A direction of motion that the surfaces do not determine.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WeakDirection {
-    /// Unit vector in `[rx ry rz tx ty tz]` as in [`Registration::covariance`], with the rotation part multiplied by the
-    /// template's radius of gyration before it was made a unit vector and divided by it again.
+    /// `[rx ry rz tx ty tz]` as in [`Registration::covariance`]; `sigma` times it is the motion of one standard deviation.
+    /// Its translation part and its rotation part times the template's radius of gyration make a unit vector together.
     pub direction: [f64; 6],
-    /// Standard deviation along it (clouds' unit, rotations times the radius of gyration), infinite if the data say
-    /// nothing at all.
+    /// Standard deviation along it in the clouds' unit, always finite; a very large value stands for "no information".
     pub sigma: f64,
 }
 

@@ -89,7 +89,7 @@ impl NormalMatrix {
         // disagreement for the mean of two, tells how far the eigenvalues can be believed.
         let floor = self.normal_disagreement / self.weight / 8.0;
         let limit = (WEAK_NOISE_FACTOR * floor).max(WEAK_INFORMATION);
-        let variance = self.squared_residual / self.weight;
+        let variance = (self.squared_residual / self.weight).max((VARIANCE_FLOOR * gyration).powi(2));
         let eigen = information.symmetric_eigen();
         let mut order: Vec<usize> = (0..6).collect();
         order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]).then(a.cmp(&b)));
@@ -97,11 +97,7 @@ impl NormalMatrix {
         for index in order {
             let value = eigen.eigenvalues[index];
             let scaled: Vector6<f64> = eigen.eigenvectors.column(index).into_owned();
-            let squared_sigma = if value > 0.0 {
-                variance / (dof_count * value)
-            } else {
-                f64::INFINITY
-            };
+            let squared_sigma = variance / (dof_count * value.max(INFORMATION_FLOOR));
             let mut direction = scaled;
             for axis in 0..3 {
                 direction[axis] /= gyration;
@@ -142,5 +138,9 @@ const DAMPING: f64 = 1e-9;
 /// Mean squared slope of the surface along a direction below which it counts as not determined: 1.3 degrees root mean
 /// square.
 const WEAK_INFORMATION: f64 = 5e-4;
-/// The same, in multiples of what noise in the normals feigns.
+/// Less information than this counts as this much, to keep every number finite.
+const INFORMATION_FLOOR: f64 = 1e-9;
+/// A smaller residual, over the radius of gyration, is rounding.
+const VARIANCE_FLOOR: f64 = 1e-9;
+/// The limit of weakness again, in multiples of what noise in the normals feigns.
 const WEAK_NOISE_FACTOR: f64 = 0.1;

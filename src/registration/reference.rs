@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use crate::geometry::PointCloud;
 use crate::geometry::nearest::{NearestPoints, Neighbour};
-use crate::geometry::normals::{roughness, with_estimated_normals};
+use crate::geometry::normals::{Roughness, roughness, with_estimated_normals};
 use crate::geometry::sampling::even_indices;
 
 /// A fixed cloud with normals, a search tree and its scale, ready to be registered to (the paper's Y).
@@ -16,7 +16,7 @@ pub struct Reference {
     spacing: f64,
     centroid: Point3<f64>,
     radius: f64,
-    roughness: f64,
+    roughness: Roughness,
 }
 
 /// Why clouds cannot be registered.
@@ -117,9 +117,8 @@ impl Reference {
         self.radius
     }
 
-    /// How far the points scatter about their local planes (median standard deviation), in the cloud's unit: the noise,
-    /// or the curvature where that is larger.
-    pub fn roughness(&self) -> f64 {
+    /// How far the cloud is from being a smooth surface.
+    pub fn roughness(&self) -> Roughness {
         self.roughness
     }
 
@@ -151,7 +150,7 @@ pub(super) fn rms_radius(points: &[Point3<f64>], centre: &Point3<f64>) -> f64 {
 }
 
 /// The roughness of a cloud, from a few hundred points spread over it.
-pub(super) fn roughness_of(points: &[Point3<f64>], tree: &NearestPoints) -> f64 {
+pub(super) fn roughness_of(points: &[Point3<f64>], tree: &NearestPoints) -> Roughness {
     let indices = even_indices(points.len(), ROUGHNESS_SAMPLE_COUNT);
     roughness(points, tree, &indices, NORMAL_NEIGHBOUR_COUNT)
 }

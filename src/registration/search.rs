@@ -1,17 +1,18 @@
 //! The course of one registration: candidates, their refinement, and the choice.
 
-use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3, Vector6};
 use rand_chacha::ChaCha8Rng;
 
-use super::consistency::{residuals, score};
+use super::consistency::{Judge, residuals};
 use super::icp::{Problem, Refined, Sample, finish};
 use super::mpe::descend;
 use super::nfi::minimum;
 use super::reference::{rms_radius, roughness_of};
+use super::twist::moved;
 use super::{FineStage, Overlap, POINT_MIN_COUNT, Reference, Registration, Search, Settings, Stage, Status};
 use crate::geometry::PointCloud;
 use crate::geometry::nearest::NearestPoints;
-use crate::geometry::normals::with_estimated_normals;
+use crate::geometry::normals::{Roughness, with_estimated_normals};
 use crate::geometry::sampling::random_indices;
 
 pub(super) fn run(
@@ -38,7 +39,11 @@ pub(super) fn run(
     };
     let given_normals = template.normals().is_some();
     let tree = NearestPoints::new(template.points());
-    let roughness = reference.roughness().hypot(roughness_of(template.points(), &tree));
+    let (fixed, moving) = (reference.roughness(), roughness_of(template.points(), &tree));
+    let roughness = Roughness {
+        scatter: fixed.scatter.hypot(moving.scatter),
+        fuzziness: fixed.fuzziness.max(moving.fuzziness),
+    };
     let work = Work {
         template: with_normals(template, &tree),
         roughness,
@@ -53,42 +58,35 @@ pub(super) fn run(
         },
         settings,
     };
-    let judge = work.sample(JUDGE_COUNT, &mut rng);
+    let judge = Judge {
+        sample: work.sample(JUDGE_COUNT, &mut rng),
+        reach: (JUDGE_SPACINGS * reference.spacing()).max(overlap_distance),
+        residual_scale: (JUDGE_SCATTERS * roughness.scatter).max(JUDGE_SCALE_SPACINGS * reference.spacing()),
+        oriented: work.problem.oriented,
+    };
     stages.end("prepare", 0);
 
+    let noisy = work.is_noisy();
     let mut candidates = vec![*start];
     let mpe_iterations = work.add_candidates(start, &mut candidates, &mut rng);
     stages.end("mpe", mpe_iterations);
 
-    let judge_reach = (JUDGE_SPACINGS * reference.spacing()).max(overlap_distance);
-    let coarse_levels = &settings.icp.levels[..settings.icp.levels.len() - 1];
-    let samples: Vec<Sample> = coarse_levels
-        .iter()
-        .map(|level| work.sample(level.sample_count, &mut rng))
-        .collect();
-    let mut coarse_iterations = 0;
-    let mut refined: Vec<Candidate> = Vec::new();
-    for &candidate in &candidates {
-        let mut pose = candidate;
-        for (index, (level, sample)) in coarse_levels.iter().zip(&samples).enumerate() {
-            let end_reach = settings.icp.levels[index + 1].reach_factor * radius;
-            if let Some(found) = work.problem.refine(sample, &pose, level, end_reach, &[]) {
-                pose = found.pose;
-                coarse_iterations += found.iterations;
-            }
-        }
-        refined.push(Candidate {
-            pose,
-            score: score(&judge, reference, &pose, judge_reach, work.problem.oriented),
-        });
+    let mut coarse = work.coarse(&judge, &mut rng);
+    for candidate in &candidates {
+        coarse.add(candidate);
     }
+    let wide = matches!(settings.search, Search::Near | Search::Everywhere);
+    if wide && !noisy && !coarse.is_explained(overlap_distance) {
+        coarse.add_turned_starts(start);
+    }
+    let coarse_iterations = coarse.iterations;
+    let refined = coarse.refined;
     let chosen = choose(&refined);
     let rivals = rivals(&refined, chosen);
     stages.end("coarse", coarse_iterations);
 
     let fine_sample = work.sample(last_level.sample_count, &mut rng);
-    let start_score = score(&judge, reference, start, judge_reach, work.problem.oriented);
-    let noisy = work.is_noisy();
+    let start_score = judge.score(reference, start);
     let fine = if noisy {
         candidates.extend(refined.iter().map(|candidate| candidate.pose));
         work.fine_of_noisy(&fine_sample, &candidates, &mut rng)
@@ -104,15 +102,14 @@ pub(super) fn run(
         )
     };
     // The score needs surfaces; among noise the energy has chosen.
-    let no_worse =
-        |pose| noisy || score(&judge, reference, pose, judge_reach, work.problem.oriented) >= start_score - WORSE;
+    let no_worse = |pose| noisy || judge.score(reference, pose) >= start_score - WORSE;
     let mut outcome = match fine {
         Some(fine) if no_worse(&fine.pose) => {
             let (overlap, rmse) = residuals(template, reference, &fine.pose, overlap_distance);
             stages.end("fine", fine.iterations);
             let status = if overlap.fraction < settings.overlap_min_fraction {
                 Status::Failed
-            } else if rmse > settings.residual_max_factor * work.roughness
+            } else if rmse > settings.residual_max_factor * work.roughness.scatter
                 || (!noisy && work.is_ambiguous(&rivals, &fine))
             {
                 Status::Ambiguous
@@ -146,6 +143,7 @@ pub(super) fn run(
     if outcome.status == Status::Failed {
         (outcome.overlap, outcome.rmse) = residuals(template, reference, start, overlap_distance);
         outcome.covariance = None;
+        outcome.weak_directions.clear();
     }
     outcome.stages = stages.ended;
     outcome
@@ -154,6 +152,75 @@ pub(super) fn run(
 struct Candidate {
     pose: Isometry3<f64>,
     score: f64,
+}
+
+/// The coarse levels of trimmed ICP, and what they have come to so far.
+struct Coarse<'a> {
+    work: &'a Work<'a>,
+    judge: &'a Judge,
+    /// One for each level but the last.
+    samples: Vec<Sample>,
+    refined: Vec<Candidate>,
+    iterations: u32,
+}
+
+impl Coarse<'_> {
+    /// Refines `pose` over all coarse levels and judges it.
+    fn add(&mut self, pose: &Isometry3<f64>) {
+        let pose = self.refined_over(0..self.samples.len(), *pose);
+        self.push(pose);
+    }
+
+    /// Refines turned starts on the first level, and the most consistent few of them on the others.
+    ///
+    /// For views far apart: there neither the start nor the fall from it is in the basin of the solution.
+    fn add_turned_starts(&mut self, start: &Isometry3<f64>) {
+        let levels = self.samples.len();
+        let pivot = start * self.work.problem.centroid;
+        let mut first: Vec<Candidate> = Vec::new();
+        for turn in turns() {
+            let turned = moved(start, &pivot, &turn);
+            let pose = self.refined_over(0..levels.min(1), turned);
+            let score = self.judge.score(self.work.reference, &pose);
+            first.push(Candidate { pose, score });
+        }
+        first.sort_by(|a, b| b.score.total_cmp(&a.score));
+        for candidate in first.iter().take(TURNED_KEPT_COUNT) {
+            let pose = self.refined_over(levels.min(1)..levels, candidate.pose);
+            self.push(pose);
+        }
+    }
+
+    /// Whether the best candidate's residuals are those of the clouds' own roughness.
+    fn is_explained(&self, overlap_distance: f64) -> bool {
+        let best = &self.refined[choose(&self.refined)].pose;
+        let sample = PointCloud::from_measured(self.judge.sample.points.iter().copied()).cloud;
+        let (overlap, rmse) = residuals(&sample, self.work.reference, best, overlap_distance);
+        let settings = self.work.settings;
+        overlap.fraction > settings.overlap_min_fraction
+            && rmse <= settings.residual_max_factor * self.work.roughness.scatter
+    }
+
+    fn refined_over(&mut self, levels: std::ops::Range<usize>, mut pose: Isometry3<f64>) -> Isometry3<f64> {
+        let all = &self.work.settings.icp.levels;
+        for index in levels {
+            let end_reach = all[index + 1].reach_factor * self.work.problem.radius;
+            let found = self
+                .work
+                .problem
+                .refine(&self.samples[index], &pose, &all[index], end_reach, &[]);
+            if let Some(found) = found {
+                pose = found.pose;
+                self.iterations += found.iterations;
+            }
+        }
+        pose
+    }
+
+    fn push(&mut self, pose: Isometry3<f64>) {
+        let score = self.judge.score(self.work.reference, &pose);
+        self.refined.push(Candidate { pose, score });
+    }
 }
 
 struct Stages<'a> {
@@ -174,8 +241,8 @@ struct Work<'a> {
     reference: &'a Reference,
     problem: Problem<'a>,
     settings: &'a Settings,
-    /// Of both clouds together, in their unit.
-    roughness: f64,
+    /// Of both clouds together.
+    roughness: Roughness,
 }
 
 impl Work<'_> {
@@ -184,6 +251,20 @@ impl Work<'_> {
         Sample {
             points: picked.points().to_vec(),
             normals: picked.normals().map(<[_]>::to_vec).unwrap_or_default(),
+        }
+    }
+
+    fn coarse<'b>(&'b self, judge: &'b Judge, rng: &mut ChaCha8Rng) -> Coarse<'b> {
+        let levels = &self.settings.icp.levels;
+        Coarse {
+            work: self,
+            judge,
+            samples: levels[..levels.len() - 1]
+                .iter()
+                .map(|level| self.sample(level.sample_count, rng))
+                .collect(),
+            refined: Vec::new(),
+            iterations: 0,
         }
     }
 
@@ -285,7 +366,7 @@ impl Work<'_> {
     /// Whether the fine stage is full-sample NFI.
     fn is_noisy(&self) -> bool {
         match self.settings.fine {
-            FineStage::Automatic => self.roughness > NOISY_SPACINGS * self.reference.spacing(),
+            FineStage::Automatic => self.roughness.fuzziness > NOISY_FUZZINESS,
             FineStage::TrimmedIcp => false,
             FineStage::FullSampleNfi => true,
         }
@@ -299,8 +380,8 @@ impl Work<'_> {
     ) -> Option<Refined> {
         let sample = self.sample(NFI_COUNT, rng).points;
         let reference = self.reference_sample(NFI_COUNT, rng);
-        let found = minimum(&sample, &reference, candidates, self.roughness)?;
-        let reach = (3.0 * self.roughness).max(self.reference.default_overlap_distance());
+        let found = minimum(&sample, &reference, candidates, self.roughness.scatter)?;
+        let reach = (3.0 * self.roughness.scatter).max(self.reference.default_overlap_distance());
         Some(Refined {
             pose: found.pose,
             iterations: found.iterations,
@@ -343,6 +424,33 @@ fn distinct(a: &Isometry3<f64>, b: &Isometry3<f64>, centroid: &Point3<f64>, radi
     turn > DISTINCT_RAD || shift > DISTINCT_FACTOR * radius
 }
 
+/// Turns of 25 and 50 degrees both ways about the axes and the diagonals of a cube.
+fn turns() -> Vec<Vector6<f64>> {
+    let axes = [
+        [1.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0],
+        [0.0, 0.0, 1.0],
+        [1.0, 1.0, 1.0],
+        [-1.0, 1.0, 1.0],
+        [1.0, -1.0, 1.0],
+        [1.0, 1.0, -1.0],
+        [0.0, 1.0, 1.0],
+        [0.0, 1.0, -1.0],
+        [1.0, 0.0, 1.0],
+        [1.0, 0.0, -1.0],
+        [1.0, 1.0, 0.0],
+        [1.0, -1.0, 0.0],
+    ];
+    let mut turns = Vec::new();
+    for angle in TURNS_RAD {
+        for axis in axes {
+            let turn = Vector3::from(axis).normalize() * angle;
+            turns.push(Vector6::new(turn.x, turn.y, turn.z, 0.0, 0.0, 0.0));
+        }
+    }
+    turns
+}
+
 /// The 24 rotations of a cube: no rotation is more than 63 degrees from one of them.
 fn spread_rotations() -> Vec<UnitQuaternion<f64>> {
     let quarter = std::f64::consts::FRAC_PI_2;
@@ -366,6 +474,13 @@ fn spread_rotations() -> Vec<UnitQuaternion<f64>> {
 const JUDGE_COUNT: usize = 2000;
 /// How near a judging point must lie, in spacings of the reference.
 const JUDGE_SPACINGS: f64 = 4.0;
+/// A residual that halves a judging point's weight: the larger of these multiples of scatter and spacing.
+const JUDGE_SCATTERS: f64 = 3.0;
+const JUDGE_SCALE_SPACINGS: f64 = 0.1;
+/// How far turned starts are turned.
+const TURNS_RAD: [f64; 2] = [0.75, -0.75];
+/// How many of the turned starts are refined further.
+const TURNED_KEPT_COUNT: usize = 4;
 /// Scores this much apart are different.
 const CLEARLY: f64 = 0.01;
 /// The fine stage may lose this much of the start's score to chance.
@@ -378,8 +493,8 @@ const GLOBAL_KEPT_COUNT: usize = 6;
 const NEAR_TEMPLATE_COUNT: usize = 2000;
 const NEAR_REFERENCE_FACTOR: usize = 8;
 const NORMAL_NEIGHBOUR_COUNT: usize = 20;
-/// Roughness over spacing from which on points have no partners.
-const NOISY_SPACINGS: f64 = 0.7;
+/// From this fuzziness on there is no surface to register to, only points.
+const NOISY_FUZZINESS: f64 = 0.58;
 /// How many points of each cloud take part in full-sample NFI.
 const NFI_COUNT: usize = 4000;
 

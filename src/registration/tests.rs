@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
-use super::testing::{blade, extruded};
+use super::testing::{blade, extruded, noisy};
 use super::*;
 
 fn motion() -> Isometry3<f64> {
@@ -186,4 +186,33 @@ fn a_rotation_from_anywhere_is_found_by_searching_everywhere() {
     let found = run(&blade(3000, 0.0), &reference, &Isometry3::identity(), &settings);
     let (turn, shift) = errors(&truth, &found);
     assert!(turn < 5e-3 && shift < 5e-2, "{turn} {shift} {found:?}");
+}
+
+#[test]
+fn noise_does_not_feign_information_along_a_weak_direction() {
+    for seed in 0..4 {
+        let reference = noisy(&extruded(30_000, 0.5), 0.002, seed);
+        let template = noisy(&extruded(20_000, 0.0), 0.002, 100 + seed);
+        let start = Isometry3::new(Vector3::new(0.004, -0.003, 0.01), Vector3::new(0.0, 0.0, 0.01));
+        let found = run(&template, &reference, &start, &Settings::default());
+        assert_eq!(found.status, Status::Weak, "seed {seed}: {found:?}");
+        let shift = found.reference_from_template.translation.vector;
+        assert!(
+            (shift.z - 0.01).abs() < 1e-3 && shift.xy().norm() < 5e-4,
+            "seed {seed}: {shift:?}"
+        );
+    }
+}
+
+#[test]
+fn two_walls_that_fit_the_wrong_way_round_are_not_called_converged() {
+    // Half a blade against another half: what little fits leaves residuals that noise does not explain.
+    let whole = blade(20_000, 0.0);
+    let part = |keep: &dyn Fn(&Point3<f64>) -> bool| {
+        let indices: Vec<usize> = (0..whole.len()).filter(|&i| keep(&whole.points()[i])).collect();
+        whole.select(&indices)
+    };
+    let (upper, lower) = (part(&|p| p.z > 0.3), part(&|p| p.z < -0.3));
+    let found = run(&upper, &lower, &Isometry3::identity(), &Settings::default());
+    assert_ne!(found.status, Status::Converged, "{found:?}");
 }
