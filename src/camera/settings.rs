@@ -129,6 +129,39 @@ impl CameraSettings {
     }
 }
 
+/// The first setting whose echo differs, in words.
+pub(super) fn difference(wanted: &CameraSettings, found: &CameraSettings) -> Option<String> {
+    let list = |settings: &CameraSettings| {
+        [
+            ("binning", f64::from(u8::from(settings.binning))),
+            ("exposure_us", f64::from(settings.exposure_us)),
+            ("image_count", f64::from(settings.image_count)),
+            ("hdr_low_us", f64::from(settings.hdr_us[0])),
+            ("hdr_high_us", f64::from(settings.hdr_us[1])),
+            ("compression", f64::from(settings.compression)),
+            ("led_percent", f64::from(settings.led_percent)),
+            ("frame_time_ratio", f64::from(settings.frame_time_ratio)),
+            ("score_threshold", f64::from(settings.score_threshold)),
+            ("outlier_filter", f64::from(settings.outlier_filter)),
+            ("reconstruction_quality", f64::from(settings.reconstruction_quality)),
+            ("pre_filtering", f64::from(settings.pre_filtering)),
+            ("working_volume", f64::from(settings.working_volume)),
+            ("components", f64::from(settings.components)),
+        ]
+    };
+    if wanted.roi_px != found.roi_px {
+        return Some(format!(
+            "roi: asked for {:?}, in force {:?}",
+            wanted.roi_px, found.roi_px
+        ));
+    }
+    list(wanted)
+        .iter()
+        .zip(list(found))
+        .find(|((_, wanted), (_, found))| wanted != found)
+        .map(|((name, wanted), (_, found))| format!("{name}: asked for {wanted}, in force {found}"))
+}
+
 mod tag {
     pub(super) const BINNING: u16 = 0x8001;
     pub(super) const ROI: u16 = 0x8002;

@@ -1,0 +1,72 @@
+//! What recipe and station mean for the two conversations.
+
+use super::ArmSettings;
+use crate::camera;
+use crate::robot;
+use crate::settings::{Recipe, Roi, Station};
+
+pub(super) fn arm_settings(station: &Station) -> ArmSettings {
+    let robot = &station.robot;
+    ArmSettings {
+        tool: robot.tool,
+        speed_mm_s: robot.speed_mm_s,
+        rotation_speed_rad_s: robot.rotation_speed_rad_s,
+        poll_interval_ms: ms(robot.poll_interval_ns),
+        start_grace_ms: ms(robot.start_grace_ns),
+        move_timeout_ms: ms(robot.move_timeout_ns),
+        settle_ms: ms(robot.settle_ns),
+        servo_timeout_ms: ms(robot.servo_timeout_ns),
+        position_tolerance_mm: robot.position_tolerance_mm,
+        rotation_tolerance_rad: robot.rotation_tolerance_rad,
+        exchange: robot::ExchangeSettings {
+            answer_timeout_ms: ms(robot.answer_timeout_ns),
+            ask_attempts: robot.ask_attempts,
+            set_repeat_ms: ms(robot.hold_repeat_ns),
+            set_timeout_ms: ms(robot.hold_timeout_ns),
+        },
+    }
+}
+
+pub(super) fn camera_times(station: &Station) -> camera::ExchangeSettings {
+    let camera = &station.camera;
+    camera::ExchangeSettings {
+        connect_timeout_ms: ms(camera.connect_timeout_ns),
+        reply_timeout_ms: ms(camera.reply_timeout_ns),
+        frame_timeout_extra_ms: ms(camera.frame_timeout_extra_ns),
+        ping_interval_ms: ms(camera.ping_interval_ns),
+        dead_after_ms: ms(camera.dead_after_ns),
+    }
+}
+
+pub(super) fn camera_settings(recipe: &Recipe) -> camera::CameraSettings {
+    let camera = &recipe.camera;
+    let (binning, roi_px) = match camera.roi {
+        Roi::Binned => (true, [1440, 1080, 0, 0, 0, 0]),
+        Roi::Rectangle {
+            width_px,
+            height_px,
+            x_px,
+            y_px,
+        } => (false, [width_px, height_px, x_px, y_px, x_px, y_px]),
+    };
+    camera::CameraSettings {
+        binning,
+        roi_px,
+        exposure_us: camera.exposure_us,
+        image_count: camera.image_count,
+        hdr_us: [camera.hdr_low_us.unwrap_or(0), camera.hdr_high_us.unwrap_or(0)],
+        compression: camera.compression as u8,
+        led_percent: camera.led_percent,
+        frame_time_ratio: camera.frame_time_ratio,
+        score_threshold: camera.score_threshold,
+        outlier_filter: camera.outlier_filter as u8,
+        reconstruction_quality: camera.reconstruction_quality,
+        pre_filtering: camera.pre_filtering,
+        working_volume: camera.working_volume as u8,
+        components: camera::COMPONENTS_WANTED,
+    }
+}
+
+fn ms(ns: u64) -> u64 {
+    ns / 1_000_000
+}
