@@ -40,6 +40,15 @@ struct Anchor {
     normal: Vector3<f64>,
 }
 
+impl std::fmt::Debug for Model {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Model")
+            .field("point_count", &self.points.len())
+            .field("view_count", &self.view_count)
+            .finish_non_exhaustive()
+    }
+}
+
 impl Model {
     /// The model with one more view: measured points that coincide with a model point are merged into it, the others are
     /// added in the view's order.
