@@ -3,3 +3,4 @@
 
 mod floors;
 mod settings;
+mod virtual_time;

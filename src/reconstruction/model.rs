@@ -41,9 +41,11 @@ struct Anchor {
 }
 
 impl std::fmt::Debug for Model {
-    /// Counts only: a model has hundreds of thousands of points.
-    fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(out, "Model of {} points from {} views", self.len(), self.view_count())
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Model")
+            .field("point_count", &self.points.len())
+            .field("view_count", &self.view_count)
+            .finish_non_exhaustive()
     }
 }
 

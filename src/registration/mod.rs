@@ -11,6 +11,7 @@ pub mod field;
 pub mod icp;
 pub mod mpe;
 
+mod coarse;
 mod consistency;
 mod nfi;
 mod normal_matrix;

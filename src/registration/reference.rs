@@ -19,6 +19,16 @@ pub struct Reference {
     roughness: Roughness,
 }
 
+impl std::fmt::Debug for Reference {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Reference")
+            .field("point_count", &self.cloud.len())
+            .field("spacing", &self.spacing)
+            .field("radius", &self.radius)
+            .finish_non_exhaustive()
+    }
+}
+
 /// Why clouds cannot be registered.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum RegisterError {

@@ -1,14 +1,14 @@
 //! The course of one registration: candidates, their refinement, and the choice.
 
-use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use rand_chacha::ChaCha8Rng;
 
+use super::coarse::{Coarse, choose, rivals};
 use super::consistency::{Judge, residuals};
 use super::icp::{Problem, Refined, Sample, finish};
 use super::mpe::descend;
 use super::nfi::minimum;
 use super::reference::{rms_radius, roughness_of};
-use super::twist::moved;
 use super::{FineStage, Overlap, POINT_MIN_COUNT, Reference, Registration, Search, Settings, Stage, Status};
 use crate::geometry::PointCloud;
 use crate::geometry::nearest::NearestPoints;
@@ -71,12 +71,13 @@ pub(super) fn run(
     let mpe_iterations = work.add_candidates(start, &mut candidates, &mut rng);
     stages.end("mpe", mpe_iterations);
 
-    let mut coarse = work.coarse(&judge, &mut rng);
+    let samples = work.coarse_samples(&mut rng);
+    let mut coarse = Coarse::new(&work.problem, settings, &judge, samples);
     for candidate in &candidates {
         coarse.add(candidate);
     }
     let wide = matches!(settings.search, Search::Near | Search::Everywhere);
-    if wide && !noisy && !coarse.is_explained(overlap_distance) {
+    if wide && !noisy && !coarse.is_explained(overlap_distance, roughness.scatter) {
         coarse.add_turned_starts(start);
     }
     let coarse_iterations = coarse.iterations;
@@ -149,80 +150,6 @@ pub(super) fn run(
     outcome
 }
 
-struct Candidate {
-    pose: Isometry3<f64>,
-    score: f64,
-}
-
-/// The coarse levels of trimmed ICP, and what they have come to so far.
-struct Coarse<'a> {
-    work: &'a Work<'a>,
-    judge: &'a Judge,
-    /// One for each level but the last.
-    samples: Vec<Sample>,
-    refined: Vec<Candidate>,
-    iterations: u32,
-}
-
-impl Coarse<'_> {
-    /// Refines `pose` over all coarse levels and judges it.
-    fn add(&mut self, pose: &Isometry3<f64>) {
-        let pose = self.refined_over(0..self.samples.len(), *pose);
-        self.push(pose);
-    }
-
-    /// Refines turned starts on the first level, and the most consistent few of them on the others.
-    ///
-    /// For views far apart: there neither the start nor the fall from it is in the basin of the solution.
-    fn add_turned_starts(&mut self, start: &Isometry3<f64>) {
-        let levels = self.samples.len();
-        let pivot = start * self.work.problem.centroid;
-        let mut first: Vec<Candidate> = Vec::new();
-        for turn in turns() {
-            let turned = moved(start, &pivot, &turn);
-            let pose = self.refined_over(0..levels.min(1), turned);
-            let score = self.judge.score(self.work.reference, &pose);
-            first.push(Candidate { pose, score });
-        }
-        first.sort_by(|a, b| b.score.total_cmp(&a.score));
-        for candidate in first.iter().take(TURNED_KEPT_COUNT) {
-            let pose = self.refined_over(levels.min(1)..levels, candidate.pose);
-            self.push(pose);
-        }
-    }
-
-    /// Whether the best candidate's residuals are those of the clouds' own roughness.
-    fn is_explained(&self, overlap_distance: f64) -> bool {
-        let best = &self.refined[choose(&self.refined)].pose;
-        let sample = PointCloud::from_measured(self.judge.sample.points.iter().copied()).cloud;
-        let (overlap, rmse) = residuals(&sample, self.work.reference, best, overlap_distance);
-        let settings = self.work.settings;
-        overlap.fraction > settings.overlap_min_fraction
-            && rmse <= settings.residual_max_factor * self.work.roughness.scatter
-    }
-
-    fn refined_over(&mut self, levels: std::ops::Range<usize>, mut pose: Isometry3<f64>) -> Isometry3<f64> {
-        let all = &self.work.settings.icp.levels;
-        for index in levels {
-            let end_reach = all[index + 1].reach_factor * self.work.problem.radius;
-            let found = self
-                .work
-                .problem
-                .refine(&self.samples[index], &pose, &all[index], end_reach, &[]);
-            if let Some(found) = found {
-                pose = found.pose;
-                self.iterations += found.iterations;
-            }
-        }
-        pose
-    }
-
-    fn push(&mut self, pose: Isometry3<f64>) {
-        let score = self.judge.score(self.work.reference, &pose);
-        self.refined.push(Candidate { pose, score });
-    }
-}
-
 struct Stages<'a> {
     ended: Vec<Stage>,
     on_stage: &'a mut dyn FnMut(&Stage),
@@ -254,18 +181,13 @@ impl Work<'_> {
         }
     }
 
-    fn coarse<'b>(&'b self, judge: &'b Judge, rng: &mut ChaCha8Rng) -> Coarse<'b> {
+    /// One sample for each level of trimmed ICP but the last.
+    fn coarse_samples(&self, rng: &mut ChaCha8Rng) -> Vec<Sample> {
         let levels = &self.settings.icp.levels;
-        Coarse {
-            work: self,
-            judge,
-            samples: levels[..levels.len() - 1]
-                .iter()
-                .map(|level| self.sample(level.sample_count, rng))
-                .collect(),
-            refined: Vec::new(),
-            iterations: 0,
-        }
+        levels[..levels.len() - 1]
+            .iter()
+            .map(|level| self.sample(level.sample_count, rng))
+            .collect()
     }
 
     /// Adds what MPE comes to from the start and, if so wished, from rotations all over SO(3).
@@ -397,58 +319,10 @@ fn with_normals(cloud: &PointCloud, tree: &NearestPoints) -> PointCloud {
     with_estimated_normals(cloud, tree, NORMAL_NEIGHBOUR_COUNT, None)
 }
 
-/// The candidate with the best score; an earlier one unless a later one is clearly better, so the start has precedence.
-fn choose(candidates: &[Candidate]) -> usize {
-    let mut best = 0;
-    for (index, candidate) in candidates.iter().enumerate() {
-        if candidate.score > candidates[best].score + CLEARLY {
-            best = index;
-        }
-    }
-    best
-}
-
-/// The other poses that score about as well as the chosen one.
-fn rivals(candidates: &[Candidate], chosen: usize) -> Vec<Isometry3<f64>> {
-    let enough = AMBIGUOUS_FRACTION * candidates[chosen].score;
-    candidates
-        .iter()
-        .filter(|other| other.score >= enough)
-        .map(|other| other.pose)
-        .collect()
-}
-
 fn distinct(a: &Isometry3<f64>, b: &Isometry3<f64>, centroid: &Point3<f64>, radius: f64) -> bool {
     let turn = (a.rotation.inverse() * b.rotation).angle();
     let shift = (a * centroid - b * centroid).norm();
     turn > DISTINCT_RAD || shift > DISTINCT_FACTOR * radius
-}
-
-/// Turns of 25 and 50 degrees both ways about the axes and the diagonals of a cube.
-fn turns() -> Vec<Vector6<f64>> {
-    let axes = [
-        [1.0, 0.0, 0.0],
-        [0.0, 1.0, 0.0],
-        [0.0, 0.0, 1.0],
-        [1.0, 1.0, 1.0],
-        [-1.0, 1.0, 1.0],
-        [1.0, -1.0, 1.0],
-        [1.0, 1.0, -1.0],
-        [0.0, 1.0, 1.0],
-        [0.0, 1.0, -1.0],
-        [1.0, 0.0, 1.0],
-        [1.0, 0.0, -1.0],
-        [1.0, 1.0, 0.0],
-        [1.0, -1.0, 0.0],
-    ];
-    let mut turns = Vec::new();
-    for angle in TURNS_RAD {
-        for axis in axes {
-            let turn = Vector3::from(axis).normalize() * angle;
-            turns.push(Vector6::new(turn.x, turn.y, turn.z, 0.0, 0.0, 0.0));
-        }
-    }
-    turns
 }
 
 /// The 24 rotations of a cube: no rotation is more than 63 degrees from one of them.
@@ -477,15 +351,8 @@ const JUDGE_SPACINGS: f64 = 4.0;
 /// A residual that halves a judging point's weight: the larger of these multiples of scatter and spacing.
 const JUDGE_SCATTERS: f64 = 3.0;
 const JUDGE_SCALE_SPACINGS: f64 = 0.1;
-/// How far turned starts are turned.
-const TURNS_RAD: [f64; 2] = [0.75, -0.75];
-/// How many of the turned starts are refined further.
-const TURNED_KEPT_COUNT: usize = 4;
-/// Scores this much apart are different.
-const CLEARLY: f64 = 0.01;
 /// The fine stage may lose this much of the start's score to chance.
 const WORSE: f64 = 0.01;
-const AMBIGUOUS_FRACTION: f64 = 0.97;
 const DISTINCT_RAD: f64 = 0.09;
 const DISTINCT_FACTOR: f64 = 0.1;
 const GLOBAL_COUNT: usize = 300;

@@ -415,15 +415,11 @@ impl Arm {
             State::Travelling(travel) => {
                 let away_mm = (base_from_tool.translation.vector - travel.target.translation.vector).norm();
                 let away_rad = base_from_tool.rotation.angle_to(&travel.target.rotation);
-                let there = away_mm <= settings.position_tolerance_mm && away_rad <= settings.rotation_tolerance_rad;
+                // A position given for another tool says nothing about ours; it is normal before the first move.
+                let right_tool = position.tool == i32::from(settings.tool);
+                let near = away_mm <= settings.position_tolerance_mm && away_rad <= settings.rotation_tolerance_rad;
                 self.last_pose = Some(base_from_tool);
-                if position.tool != i32::from(settings.tool) {
-                    let seen = format!(
-                        "the position is given for tool {} instead of {}",
-                        position.tool, settings.tool
-                    );
-                    self.fault(FaultCode::RobotElsewhere, seen);
-                } else if there {
+                if right_tool && near {
                     self.state = State::Settling;
                     self.timer = Some(now.plus_ms(settings.settle_ms));
                 } else if !travel.seen_running && now.ms_since(travel.accepted_at) < settings.start_grace_ms {
@@ -438,10 +434,16 @@ impl Arm {
                     travel.accepted_at = now;
                     let said = travel.said;
                     self.exchange.say(now, Command::Move(said));
-                } else {
+                } else if right_tool {
                     let seen = format!(
                         "it stands {away_mm:.3} mm and {:.4}° from the target",
                         away_rad.to_degrees()
+                    );
+                    self.fault(FaultCode::RobotElsewhere, seen);
+                } else {
+                    let seen = format!(
+                        "the position is given for tool {} instead of {}",
+                        position.tool, settings.tool
                     );
                     self.fault(FaultCode::RobotElsewhere, seen);
                 }
