@@ -1,6 +1,7 @@
 //! Measurements of bladescan that are too slow or too specific for its tests.
 
 mod cases;
+mod golden;
 mod model;
 mod pairs;
 mod speed;
@@ -20,6 +21,8 @@ enum Command {
     Pairs(pairs::PairsArguments),
     /// Registers the views of a folder one after the other to the growing model.
     Model(model::ModelArguments),
+    /// Checks client and simulated controller against golden HSES frames.
+    Golden(golden::GoldenArguments),
     /// Times the parts that have a budget, on generated data.
     Speed,
 }
@@ -28,6 +31,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     match Arguments::parse().command {
         Command::Pairs(arguments) => pairs::run(&arguments),
         Command::Model(arguments) => model::run(&arguments),
+        Command::Golden(arguments) => golden::run(&arguments),
         Command::Speed => speed::run(),
     }
 }

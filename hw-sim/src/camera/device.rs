@@ -461,5 +461,5 @@ const BYE_TIME_OUT: u16 = 4;
 const BYE_REFUSED: u16 = 5;
 
 #[cfg(test)]
-#[path = "device_tests.rs"]
+#[path = "device_tests/mod.rs"]
 mod tests;
