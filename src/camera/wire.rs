@@ -81,6 +81,7 @@ impl WireError {
             Self::HeaderCrc => 102,
             Self::PayloadCrc => 103,
             Self::TooLong { .. } => 104,
+            Self::Version { major: MAJOR, .. } => 108,
             Self::Version { .. } => 105,
             Self::Sequence { .. } => 107,
             Self::Reserved => 109,
