@@ -89,6 +89,8 @@ pub enum Event {
     Faulted { fault: Fault },
     /// The camera's condition, once a second.
     CameraCondition { status: CameraStatus },
+    /// A datagram from the robot answered nothing that was open.
+    DatagramDropped { reason: String },
     /// Something worth recording that changes nothing.
     Noted { text: String },
     /// The run is over.
@@ -206,6 +208,7 @@ impl Event {
             Self::AbortAsked => "ending the run, as the operator asked".into(),
             Self::Faulted { fault } => format!("FAULT {fault}"),
             Self::CameraCondition { status } => format!("camera state {}", status.state),
+            Self::DatagramDropped { reason } => format!("robot datagram dropped: {reason}"),
             Self::Noted { text } => text.clone(),
             Self::Ended { ending } => match ending {
                 Ending::Finished => "run finished".into(),

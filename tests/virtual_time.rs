@@ -365,6 +365,26 @@ fn an_abort_while_held_ends_the_run_and_keeps_what_was_merged() {
 }
 
 #[test]
+fn the_stop_key_holds_again_after_a_resume_and_ends_the_run_only_while_held() {
+    let mut pair = Pair::new(3, &[], 0.0, 1);
+    let mut held_count = 0;
+    let ending = pair.drive(|event| match event {
+        Event::MoveStarted { .. } if held_count < 2 => Some(Command::Stop),
+        Event::Held => {
+            held_count += 1;
+            Some(if held_count == 1 {
+                Command::Resume
+            } else {
+                Command::Stop
+            })
+        }
+        _ => None,
+    });
+    assert_eq!((ending, held_count), (Ending::Aborted, 2));
+    pair.replay();
+}
+
+#[test]
 fn every_fault_of_the_cell_ends_in_its_name_or_is_overcome() {
     for (fault, expected) in [
         ("camera-gone@1", "camera-lost"),

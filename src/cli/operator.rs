@@ -4,7 +4,7 @@ use crate::controller::Command;
 use std::io::BufRead as _;
 use tokio::sync::mpsc;
 
-/// Listens until the receiver is dropped. The first Ctrl-C holds, the next one aborts; `h`, `r` and `a` with Enter hold,
+/// Listens until the receiver is dropped. Ctrl-C holds, or aborts while the arm is held; `h`, `r` and `a` with Enter hold,
 /// resume and abort. Termination by the system aborts.
 pub(super) fn listen() -> mpsc::Receiver<Command> {
     let (sender, receiver) = mpsc::channel(8);
@@ -28,19 +28,17 @@ pub(super) fn listen() -> mpsc::Receiver<Command> {
 }
 
 async fn listen_to_signals(sender: mpsc::Sender<Command>) {
-    let mut command = Command::Hold;
     loop {
-        let next = tokio::select! {
+        let command = tokio::select! {
             result = tokio::signal::ctrl_c() => match result {
-                Ok(()) => command,
+                Ok(()) => Command::Stop,
                 Err(_) => return,
             },
             () = terminated() => Command::Abort,
         };
-        if sender.send(next).await.is_err() {
+        if sender.send(command).await.is_err() {
             return;
         }
-        command = Command::Abort;
     }
 }
 

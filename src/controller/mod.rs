@@ -36,6 +36,8 @@ pub enum Command {
     Resume,
     /// End the run.
     Abort,
+    /// The stop key (Ctrl-C): hold; if the arm is held already, end the run.
+    Stop,
 }
 
 /// Everything that can happen to a run.
@@ -223,6 +225,8 @@ impl Controller {
             Command::Hold => self.session.hold(now, HoldBy::Operator),
             Command::Resume => self.session.resume(now),
             Command::Abort => self.session.abort(now),
+            Command::Stop if self.session.is_held() => self.session.abort(now),
+            Command::Stop => self.session.hold(now, HoldBy::Operator),
         }
         self.session.handle_wake(now);
     }

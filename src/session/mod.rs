@@ -201,6 +201,11 @@ impl Session {
         self.end(now, Ending::Finished);
     }
 
+    /// Whether a hold has been asked for and not been resumed from.
+    pub fn is_held(&self) -> bool {
+        matches!(self.hold, Hold::Asked | Hold::Held)
+    }
+
     /// Whether every planned view has been taken or given up.
     pub fn is_acquired(&self) -> bool {
         self.targets.is_empty() && self.awaited.is_none()
@@ -363,7 +368,7 @@ impl Session {
                 self.park(now);
             }
             ArmEvent::Fault(fault) => self.fault(now, fault),
-            ArmEvent::Dropped(reason) => self.note(format!("robot datagram dropped: {reason}")),
+            ArmEvent::Dropped(reason) => self.emit(Event::DatagramDropped { reason }),
         }
     }
 
