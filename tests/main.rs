@@ -1,3 +1,6 @@
 //! All integration tests of the root package, in one binary.
 
+mod faults;
+mod runs;
 mod settings;
+mod support;
