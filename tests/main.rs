@@ -1,5 +1,6 @@
 //! All integration tests of the root package, in one binary.
 
+mod cli;
 mod faults;
 mod runs;
 mod settings;
