@@ -280,6 +280,53 @@ fn a_robot_that_falls_silent_is_named_and_so_is_its_unconfirmed_hold() {
 }
 
 #[test]
+fn a_hold_that_the_robot_does_not_confirm_ends_the_run_with_the_call_for_the_emergency_stop() {
+    let bench = Bench::new("faults-robot-not-held");
+    let cell = Simulator::start(&bench, "cell", &["--speed=2"]);
+    bench.write("station.toml", station(cell.robot(), cell.camera()));
+    let words = [
+        "run",
+        "tiny.toml",
+        "--station=station.toml",
+        "--arm",
+        "--out=out",
+        "--views=4",
+    ];
+    let mut run = bench.start(&words);
+    run.wait_for("view 0: merged");
+    cell.freeze();
+    run.say("h");
+    let ended = run.end();
+    bench.holds_a_whole_run("out", 4);
+    assert_faulted(&bench, &ended, "robot-not-held", "press the emergency stop");
+    assert_kept_the_first_view(&bench);
+}
+
+#[test]
+fn a_cell_that_dies_while_the_arm_is_held_ends_the_run() {
+    let bench = Bench::new("faults-cell-dies");
+    let cell = Simulator::start(&bench, "cell", &["--speed=2"]);
+    bench.write("station.toml", station(cell.robot(), cell.camera()));
+    let words = [
+        "run",
+        "tiny.toml",
+        "--station=station.toml",
+        "--arm",
+        "--out=out",
+        "--views=4",
+    ];
+    let mut run = bench.start(&words);
+    run.wait_for("view 0: merged");
+    run.say("h");
+    run.wait_for("HELD");
+    cell.kill();
+    let ended = run.end();
+    bench.holds_a_whole_run("out", 4);
+    assert_faulted(&bench, &ended, "camera-lost", "");
+    assert_kept_the_first_view(&bench);
+}
+
+#[test]
 fn a_camera_that_falls_silent_is_named() {
     let bench = Bench::new("faults-camera-silent");
     let cell = Simulator::start(&bench, "cell", &["--speed=1000", "--fault=camera-silent@1"]);

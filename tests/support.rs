@@ -339,6 +339,16 @@ impl Simulator {
         self.ready["a3dp"].as_str().unwrap()
     }
 
+    /// Stops its process without ending it: everything that it is sent stays unanswered.
+    pub fn freeze(&self) {
+        self.process.signal("STOP");
+    }
+
+    /// Kills its process.
+    pub fn kill(&self) {
+        self.process.signal("KILL");
+    }
+
     /// Closes its standard input and waits for its end.
     pub fn stop(mut self) -> Ended {
         self.process.close_stdin();

@@ -360,7 +360,14 @@ impl Session {
                 self.emit(Event::Faulted { fault });
                 self.park(now);
             }
-            ArmEvent::Fault(fault) => self.fault(now, fault),
+            ArmEvent::Fault(fault) => {
+                // The arm has given up on the operator's hold: no confirmation of it will come that could end the run.
+                let hold_failed = self.hold == Hold::Asked;
+                self.fault(now, fault);
+                if hold_failed {
+                    self.park(now);
+                }
+            }
             ArmEvent::Dropped(reason) => self.note(format!("robot datagram dropped: {reason}")),
         }
     }
