@@ -268,6 +268,7 @@ fn a_hold_before_the_devices_are_ready_can_be_resumed() {
     run.say("h");
     run.wait_for("HELD");
     run.say("r");
+    run.wait_for("the run goes on");
     run.end().expect(0, &["4 of 4 views merged"]);
     bench.holds_a_whole_run("out", 4);
 }

@@ -172,6 +172,7 @@ impl Session {
                     self.arm.make_ready(now);
                 } else {
                     self.hold = Hold::No;
+                    self.emit(Event::Resumed);
                     self.arm.identify(now);
                 }
             }
