@@ -192,11 +192,7 @@ impl Event {
                 "view {view_index}: merged{}; model {model_point_count} points",
                 figures.words()
             ),
-            Self::ViewDiscarded {
-                view_index,
-                figures,
-                reason,
-            } => format!("view {view_index}: discarded, {reason}{}", figures.words()),
+            Self::ViewDiscarded { view_index, reason, .. } => format!("view {view_index}: discarded, {reason}"),
             Self::ViewMissing { view_index, reason } => format!("view {view_index}: missing, {reason}"),
             Self::HoldAsked { by } => match by {
                 HoldBy::Operator => "holding the arm, as the operator asked".into(),

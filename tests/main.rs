@@ -1,6 +1,10 @@
 //! All integration tests of the root package, in one binary.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the message")]
 
+mod cli;
+mod faults;
 mod floors;
+mod runs;
 mod settings;
+mod support;
 mod virtual_time;

@@ -21,7 +21,7 @@ pub(super) struct Args {
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Only the first N views of the plan.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = super::files::parse_views)]
     views: Option<NonZeroUsize>,
     /// Simulated motion and exposure are this much faster than real; time-outs stay.
     #[arg(long, default_value_t = 20.0, value_name = "X", value_parser = parse_speed)]

@@ -18,17 +18,47 @@ pub(super) fn read_recipe(path: &Path) -> Result<Read<Recipe>, Failure> {
     let text = read_text(path)?;
     let meaning =
         Recipe::parse(&path.display().to_string(), &text).map_err(|error| Failure::Settings(Box::new(error)))?;
-    if let Cad::File(cad) = &meaning.cad {
-        let cad = beside(path, cad);
-        if !cad.is_file() {
-            return Err(Failure::Usage(format!(
-                "{}: blade.cad names {}, which is not there",
-                path.display(),
-                cad.display()
-            )));
-        }
-    }
+    check_cad(path, &meaning.cad)?;
     Ok(Read { text, meaning })
+}
+
+fn check_cad(path: &Path, cad: &Cad) -> Result<(), Failure> {
+    match cad {
+        Cad::File(cad) => {
+            let cad = beside(path, cad);
+            if !cad.is_file() {
+                return Err(Failure::Usage(format!(
+                    "{}: blade.cad names {}, which is not there",
+                    path.display(),
+                    cad.display()
+                )));
+            }
+        }
+        #[cfg(feature = "sim")]
+        Cad::Builtin(name) => {
+            use hw_sim::blade::Builtin;
+            if Builtin::from_name(name).is_none() {
+                let known: Vec<String> = Builtin::ALL
+                    .iter()
+                    .map(|blade| format!("builtin:{}", blade.name()))
+                    .collect();
+                return Err(Failure::Usage(format!(
+                    "{}: blade.cad names builtin:{name}, which there is not; there are {}",
+                    path.display(),
+                    known.join(", ")
+                )));
+            }
+        }
+        #[cfg(not(feature = "sim"))]
+        Cad::Builtin(_) => {}
+    }
+    Ok(())
+}
+
+/// Reads the number of views of `--views`.
+pub(super) fn parse_views(text: &str) -> Result<NonZeroUsize, String> {
+    text.parse()
+        .map_err(|_| "give a whole number from 1; more than the plan has means all of them".to_owned())
 }
 
 pub(super) fn read_station(path: &Path) -> Result<Read<Station>, Failure> {

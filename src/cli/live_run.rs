@@ -33,7 +33,7 @@ pub(super) struct Args {
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Only the first N views of the plan.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = super::files::parse_views)]
     views: Option<NonZeroUsize>,
     /// Print summary.json to standard output.
     #[arg(long)]

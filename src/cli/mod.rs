@@ -9,7 +9,6 @@ mod register;
 mod replay;
 
 use clap::{Parser, Subcommand};
-use std::ffi::OsString;
 use std::io::Write as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -52,7 +51,7 @@ enum Command {
     Sim {
         /// Handed on to the simulator.
         #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
-        words: Vec<OsString>,
+        words: Vec<std::ffi::OsString>,
     },
 }
 

@@ -11,14 +11,16 @@
 
 mod arm;
 mod devices;
+mod frames;
+mod identity;
 
 pub use arm::{Arm, ArmEvent, ArmSettings};
 
-use crate::camera::{self, CameraEvent, CameraOutput, Capture, Opened, TriggerId, Trouble};
+use crate::camera::{self, CameraEvent, CameraOutput, Capture, TriggerId, Trouble};
 use crate::event::{Ending, Event, HoldBy};
 use crate::fault::{Fault, FaultCode};
 use crate::plan::PlannedView;
-use crate::robot::{Datagram, SystemInformation};
+use crate::robot::Datagram;
 use crate::settings::{Recipe, Station, Target as StationTarget};
 use crate::stamp::{Stamp, earlier};
 use devices::{arm_settings, camera_settings, camera_times};
@@ -174,6 +176,7 @@ impl Session {
                     self.arm.make_ready(now);
                 } else {
                     self.hold = Hold::No;
+                    self.emit(Event::Resumed);
                     self.arm.identify(now);
                 }
             }
@@ -367,24 +370,16 @@ impl Session {
                 self.emit(Event::Faulted { fault });
                 self.park(now);
             }
-            ArmEvent::Fault(fault) => self.fault(now, fault),
+            ArmEvent::Fault(fault) => {
+                // The arm has given up on the operator's hold: no confirmation of it will come that could end the run.
+                let hold_failed = self.hold == Hold::Asked;
+                self.fault(now, fault);
+                if hold_failed {
+                    self.park(now);
+                }
+            }
             ArmEvent::Dropped(reason) => self.emit(Event::DatagramDropped { reason }),
         }
-    }
-
-    fn handle_identity(&mut self, now: Stamp, system: &SystemInformation) {
-        let simulated = system.simulated();
-        self.emit(Event::RobotIdentified {
-            model: system.model.clone(),
-            software: system.software.clone(),
-            simulated,
-        });
-        if simulated != self.wanted.simulated {
-            let seen = format!("{} at an address meant for {}", system.model, self.expected("robot"));
-            return self.fault(now, Fault::new(FaultCode::RobotIdentity, seen));
-        }
-        self.robot_known = true;
-        self.switch_on(now);
     }
 
     fn handle_camera_event(&mut self, now: Stamp, event: CameraEvent) {
@@ -416,118 +411,13 @@ impl Session {
         }
     }
 
-    fn handle_camera_ready(&mut self, now: Stamp, opened: &Opened) {
-        let (greeting, caps) = (&opened.greeting, &opened.caps);
-        self.emit(Event::CameraReady {
-            model: greeting.model.clone(),
-            serial: greeting.serial.clone(),
-            simulated: greeting.simulated,
-            optics: caps.optics.clone(),
-            calibration_id: greeting.calibration_id,
-        });
-        if greeting.simulated != self.wanted.simulated {
-            let seen = format!("{} at an address meant for {}", greeting.model, self.expected("camera"));
-            return self.fault(now, Fault::new(FaultCode::CameraIdentity, seen));
-        }
-        let [near, _, far] = caps.working_distance_mm.map(f64::from);
-        let stand_off_mm = self.wanted.stand_off_mm;
-        if caps.optics != self.wanted.optics {
-            let seen = format!(
-                "the recipe asks for optics \"{}\", the camera has \"{}\"",
-                self.wanted.optics, caps.optics
-            );
-            return self.fault(now, Fault::new(FaultCode::CameraOptics, seen));
-        }
-        if !(near..=far).contains(&stand_off_mm) {
-            let seen = format!("a stand-off of {stand_off_mm} mm, but the camera works from {near} to {far} mm");
-            return self.fault(now, Fault::new(FaultCode::CameraOptics, seen));
-        }
-        self.camera_known = true;
-        self.switch_on(now);
-    }
-
-    /// Both devices are who they should be: only now is anything switched on.
-    fn switch_on(&mut self, now: Stamp) {
-        if self.robot_known && self.camera_known && self.ending.is_none() && self.hold == Hold::No {
-            self.arm.make_ready(now);
-        }
-    }
-
-    fn handle_capture(&mut self, now: Stamp, capture: Arc<Capture>) {
-        if capture.valid_count < self.wanted.points_min {
-            let reason = format!(
-                "{} valid points, at least {} wanted",
-                capture.valid_count, self.wanted.points_min
-            );
-            return self.handle_failure(now, reason, true);
-        }
-        let Some(standing) = self.awaited.take() else {
-            return self.note("a frame nobody waits for");
-        };
-        self.failures_in_a_row = 0;
-        let Target { view_index, attempt } = standing.target;
-        self.emit(Event::FrameArrived {
-            view_index,
-            attempt,
-            valid_count: capture.valid_count,
-            saturated_count: capture.saturated_count,
-        });
-        self.events.push_back(SessionEvent::Captured(Captured {
-            view_index,
-            attempt,
-            base_from_tool: standing.base_from_tool,
-            capture,
-        }));
-    }
-
-    fn handle_failure(&mut self, now: Stamp, reason: String, retryable: bool) {
-        let standing = match (self.awaited.take(), self.stage) {
-            (Some(standing), _) => standing,
-            (None, Stage::Exposing(standing)) => {
-                self.targets.pop_front();
-                self.stage = Stage::AtTarget(standing);
-                standing
-            }
-            (None, _) => return self.note(format!("a failed frame nobody waits for: {reason}")),
-        };
-        let Target { view_index, attempt } = standing.target;
-        let retaken = retryable && attempt < self.wanted.retakes_max;
-        self.emit(Event::FrameFailed {
-            view_index,
-            attempt,
-            reason: reason.clone(),
-            retaken,
-        });
-        if retaken {
-            let target = Target {
-                view_index,
-                attempt: attempt + 1,
-            };
-            self.targets.push_front(target);
-            if let Stage::AtTarget(standing) = &mut self.stage
-                && standing.target.view_index == view_index
-            {
-                standing.target = target;
-            }
-            return;
-        }
-        self.events.push_back(SessionEvent::Missing {
-            view_index,
-            reason: reason.clone(),
-        });
-        self.failures_in_a_row += 1;
-        if self.failures_in_a_row == FAILURES_MAX {
-            let seen = format!("{FAILURES_MAX} views in a row without a frame; the last: {reason}");
-            self.fault(now, Fault::new(FaultCode::CameraFailing, seen));
-        }
-    }
-
     fn end(&mut self, now: Stamp, ending: Ending) {
         if self.ending.is_some() {
             return;
         }
         let finished = ending == Ending::Finished;
         self.ending = Some(ending);
+        self.give_up_exposed();
         self.camera.leave(now);
         self.camera_done = self.camera_done || self.camera.is_over();
         if finished || self.hold == Hold::Held {
@@ -550,11 +440,6 @@ impl Session {
         if let Stage::Moving(_) | Stage::AtTarget(_) = self.stage {
             self.stage = Stage::ToTarget;
         }
-    }
-
-    fn expected(&self, device: &str) -> String {
-        let kind = if self.wanted.simulated { "simulated" } else { "real" };
-        format!("a {kind} {device}")
     }
 
     fn emit(&mut self, event: Event) {

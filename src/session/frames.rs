@@ -1,0 +1,93 @@
+//! Frames, as they come or fail to come: kept, taken again, or given up.
+
+use super::{Captured, FAILURES_MAX, Session, SessionEvent, Stage, Target};
+use crate::camera::Capture;
+use crate::event::Event;
+use crate::fault::{Fault, FaultCode};
+use crate::stamp::Stamp;
+use std::sync::Arc;
+
+impl Session {
+    pub(super) fn handle_capture(&mut self, now: Stamp, capture: Arc<Capture>) {
+        if capture.valid_count < self.wanted.points_min {
+            let reason = format!(
+                "{} valid points, at least {} wanted",
+                capture.valid_count, self.wanted.points_min
+            );
+            return self.handle_failure(now, reason, true);
+        }
+        let Some(standing) = self.awaited.take() else {
+            return self.note("a frame nobody waits for");
+        };
+        self.failures_in_a_row = 0;
+        let Target { view_index, attempt } = standing.target;
+        self.emit(Event::FrameArrived {
+            view_index,
+            attempt,
+            valid_count: capture.valid_count,
+            saturated_count: capture.saturated_count,
+        });
+        self.events.push_back(SessionEvent::Captured(Captured {
+            view_index,
+            attempt,
+            base_from_tool: standing.base_from_tool,
+            capture,
+        }));
+    }
+
+    pub(super) fn handle_failure(&mut self, now: Stamp, reason: String, retryable: bool) {
+        let standing = match (self.awaited.take(), self.stage) {
+            (Some(standing), _) => standing,
+            (None, Stage::Exposing(standing)) => {
+                self.targets.pop_front();
+                self.stage = Stage::AtTarget(standing);
+                standing
+            }
+            (None, _) => return self.note(format!("a failed frame nobody waits for: {reason}")),
+        };
+        let Target { view_index, attempt } = standing.target;
+        let retaken = retryable && attempt < self.wanted.retakes_max;
+        self.emit(Event::FrameFailed {
+            view_index,
+            attempt,
+            reason: reason.clone(),
+            retaken,
+        });
+        if retaken {
+            let target = Target {
+                view_index,
+                attempt: attempt + 1,
+            };
+            self.targets.push_front(target);
+            if let Stage::AtTarget(standing) = &mut self.stage
+                && standing.target.view_index == view_index
+            {
+                standing.target = target;
+            }
+            return;
+        }
+        self.events.push_back(SessionEvent::Missing {
+            view_index,
+            reason: reason.clone(),
+        });
+        self.failures_in_a_row += 1;
+        if self.failures_in_a_row == FAILURES_MAX {
+            let seen = format!("{FAILURES_MAX} views in a row without a frame; the last: {reason}");
+            self.fault(now, Fault::new(FaultCode::CameraFailing, seen));
+        }
+    }
+
+    /// A view that was exposed but whose frame the end of the run cuts off is missing for that reason.
+    pub(super) fn give_up_exposed(&mut self) {
+        let exposing = match self.stage {
+            Stage::Exposing(standing) => Some(standing),
+            _ => None,
+        };
+        if let Some(standing) = self.awaited.take().or(exposing) {
+            self.events.push_back(SessionEvent::Missing {
+                view_index: standing.target.view_index,
+                reason: "the run ended before its frame had come".into(),
+            });
+        }
+    }
+}
