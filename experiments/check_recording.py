@@ -1,20 +1,38 @@
-import sys,collections,struct
-from mcap.reader import make_reader
-from mcap_protobuf.decoder import DecoderFactory
-from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+#!/usr/bin/env python3
+"""Opens a recording with Python's mcap and the published Foxglove schemas, and says what is in it.
+
+    check_recording.py RUN.mcap        needs: pip install mcap mcap-protobuf-support foxglove-schemas-protobuf
+
+Fails when a protobuf payload is not byte-equal after being read and written by the published message class.
+"""
+import collections
+import sys
+
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.Log_pb2 import Log
-pub={'foxglove.PointCloud':PointCloud,'foxglove.FrameTransform':FrameTransform,'foxglove.Log':Log}
-f=open(sys.argv[1],'rb'); r=make_reader(f,decoder_factories=[DecoderFactory()])
-s=r.get_summary(); print('messages',s.statistics.message_count,'chunks',s.statistics.chunk_count,'attachments',s.statistics.attachment_count,'metadata',s.statistics.metadata_count)
-n=collections.Counter(); frames=set(); pts=[]
-for schema,ch,m in r.iter_messages():
-    n[(ch.topic,ch.message_encoding,schema.name if schema else None)]+=1
-    if schema and schema.name in pub:
-        msg=pub[schema.name](); msg.ParseFromString(m.data); assert msg.SerializeToString()==m.data, schema.name
-        if ch.topic=='/view/cloud': pts.append(len(msg.data)//msg.point_stride); frames.add(msg.frame_id)
-for schema,ch,m,d in r.iter_decoded_messages(topics=['/tf']): last=d
-for k,v in sorted(n.items(),key=str): print(v,k)
-print(len(frames),'frames',min(pts),max(pts)); print(last.parent_frame_id,last.child_frame_id,last.translation.x)
-for a in r.iter_attachments(): print(a.name,len(a.data))
-for m in r.iter_metadata(): print(m.name,{k:v[:60] for k,v in m.metadata.items()})
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from mcap.reader import make_reader
+
+PUBLISHED = {"foxglove.PointCloud": PointCloud, "foxglove.FrameTransform": FrameTransform, "foxglove.Log": Log}
+
+with open(sys.argv[1], "rb") as file:
+    reader = make_reader(file)
+    statistics = reader.get_summary().statistics
+    print(f"{statistics.message_count} messages in {statistics.chunk_count} chunks")
+    counts, clouds, transforms = collections.Counter(), {}, {}
+    for schema, channel, message in reader.iter_messages():
+        counts[channel.topic, channel.message_encoding, schema.name if schema else "-"] += 1
+        if schema and schema.name in PUBLISHED:
+            found = PUBLISHED[schema.name]()
+            found.ParseFromString(message.data)
+            assert found.SerializeToString() == message.data, f"{channel.topic}: not the published message"
+            if channel.topic == "/view/cloud":
+                clouds[found.frame_id] = len(found.data) // found.point_stride
+            if channel.topic == "/tf":
+                transforms[found.child_frame_id] = found.parent_frame_id
+    for (topic, encoding, schema), count in sorted(counts.items()):
+        print(f"{count:7} {topic:18} {encoding:9} {schema}")
+    print(f"clouds of {len(clouds)} views with {min(clouds.values())} to {max(clouds.values())} points; "
+          f"{len(transforms)} poses, all in {sorted(set(transforms.values()))}")
+    print("attachments:", ", ".join(f"{item.name} ({len(item.data)} bytes)" for item in reader.iter_attachments()))
+    print("metadata:", ", ".join(item.name for item in reader.iter_metadata()))
