@@ -1,6 +1,7 @@
 //! A run on real sockets: the one loop around [`Controller`].
 
 use super::console::Console;
+use super::hold_on_panic::HoldOnPanic;
 use super::journal_file::{JournalError, JournalFile};
 use super::pool::Pool;
 use crate::camera::CameraOutput;
@@ -92,8 +93,11 @@ pub async fn run(live: Live<'_>) -> Result<Outcome, LiveError> {
     } else {
         ([0u16; 8], 0).into()
     };
-    let robot = UdpSocket::bind(local).await.map_err(LiveError::Socket)?;
-    robot.connect(live.links.robot).await.map_err(LiveError::Socket)?;
+    let robot = std::net::UdpSocket::bind(local).map_err(LiveError::Socket)?;
+    robot.connect(live.links.robot).map_err(LiveError::Socket)?;
+    robot.set_nonblocking(true).map_err(LiveError::Socket)?;
+    let _guard = HoldOnPanic::new(robot.try_clone().map_err(LiveError::Socket)?);
+    let robot = UdpSocket::from_std(robot).map_err(LiveError::Socket)?;
     let (news, camera_news) = mpsc::channel(CAMERA_QUEUE_MAX);
     let (finished, finished_jobs) = mpsc::unbounded_channel();
     let shell = Shell {

@@ -1,6 +1,7 @@
 //! The shell: sockets, timers, the pool, files and the console. It moves bytes and decides nothing.
 
 mod console;
+mod hold_on_panic;
 mod journal_file;
 mod live;
 mod pool;
