@@ -2,7 +2,7 @@
 
 use bladescan::camera::CameraOutput;
 use bladescan::controller::{Command, Controller, Header, Input, Output, ViewOutcome};
-use bladescan::event::{Ending, Event};
+use bladescan::event::{Ending, Event, HoldBy};
 use bladescan::job::sha256;
 use bladescan::journal::{Recording, Writer, input_record, output_records};
 use bladescan::plan::Plan;
@@ -13,6 +13,7 @@ use bladescan::stamp::Stamp;
 use hw_sim::blade::Builtin;
 use hw_sim::camera::render::Renderer;
 use hw_sim::cell::{self, Cell};
+use hw_sim::robot::controller::Panel;
 use hw_sim::scene::Scene;
 use rand::RngExt as _;
 use rand::SeedableRng as _;
@@ -45,6 +46,8 @@ enum Delivery {
     CameraConnect,
     CameraClose,
     ToController(Input),
+    /// A person does something at the robot.
+    ToPanel(Panel),
 }
 
 /// Controller and cell with a wire between them.
@@ -144,6 +147,7 @@ impl Pair {
     fn deliver(&mut self, delivery: Delivery, on_event: &mut impl FnMut(&Event) -> Option<Command>) {
         match delivery {
             Delivery::ToController(input) => self.tell(input, on_event),
+            Delivery::ToPanel(panel) => self.ask_cell(cell::Input::Panel(panel)),
             Delivery::ToRobot(bytes) => self.ask_cell(cell::Input::RobotDatagram {
                 from: ([127, 0, 0, 1], 5000).into(),
                 bytes,
@@ -381,6 +385,34 @@ fn the_stop_key_holds_again_after_a_resume_and_ends_the_run_only_while_held() {
         _ => None,
     });
     assert_eq!((ending, held_count), (Ending::Aborted, 2));
+    pair.replay();
+}
+
+#[test]
+fn servo_power_lost_during_a_hold_is_switched_on_again_by_resume() {
+    let mut pair = Pair::new(3, &[], 0.0, 1);
+    // The emergency stop is pressed and released while the arm is held: servo power is off afterwards.
+    for (at_s, panel) in [(2.0, Panel::EmergencyStop(true)), (2.5, Panel::EmergencyStop(false))] {
+        pair.send((at_s * 1e9) as u64, Delivery::ToPanel(panel));
+    }
+    let resume_ns = 4_000_000_000;
+    let resume = Delivery::ToController(Input::Operator(Command::Resume));
+    pair.send(resume_ns, resume);
+    let ending = pair.drive(|event| matches!(event, Event::RobotReady).then_some(Command::Hold));
+    assert_eq!((ending, pair.merged_count()), (Ending::Finished, 3));
+    pair.replay();
+}
+
+#[test]
+fn a_hold_at_the_pendant_stops_the_run_until_it_is_released_there_and_resumed_here() {
+    let mut pair = Pair::new(3, &[], 0.0, 1);
+    pair.send(300_000_000, Delivery::ToPanel(Panel::Hold(true)));
+    pair.send(3_000_000_000, Delivery::ToPanel(Panel::Hold(false)));
+    pair.send(4_000_000_000, Delivery::ToController(Input::Operator(Command::Resume)));
+    let ending = pair.drive(|_| None);
+    assert_eq!((ending, pair.merged_count()), (Ending::Finished, 3));
+    let asked = |event: &Event| matches!(event, Event::HoldAsked { by: HoldBy::Robot });
+    assert!(pair.events.iter().any(|(_, event)| asked(event)));
     pair.replay();
 }
 

@@ -84,7 +84,7 @@ pub struct Arm {
 enum State {
     Apart,
     Identifying,
-    Readying { since: Stamp, act_count: u32 },
+    Readying(Readying),
     Locating,
     Standing,
     Travelling(Travel),
@@ -94,6 +94,15 @@ enum State {
     Held,
     Parking,
     Over,
+}
+
+/// Things put right one after the other until the arm takes moves.
+#[derive(Debug, Clone, Copy)]
+struct Readying {
+    since: Stamp,
+    act_count: u32,
+    /// Servo power has been asked for and may need time.
+    servo_asked: bool,
 }
 
 #[derive(Debug)]
@@ -133,10 +142,11 @@ impl Arm {
 
     /// Releases a hold of ours, switches servo power on, and reports [`ArmEvent::Ready`].
     pub fn make_ready(&mut self, now: Stamp) {
-        self.state = State::Readying {
+        self.state = State::Readying(Readying {
             since: now,
             act_count: 0,
-        };
+            servo_asked: false,
+        });
         self.ask_status(now);
     }
 
@@ -217,7 +227,7 @@ impl Arm {
                     let base_from_tool = self.last_pose.expect("a pose was read before settling");
                     self.events.push_back(ArmEvent::Arrived { base_from_tool });
                 }
-                State::Readying { .. } | State::Standing | State::Travelling(_) | State::Holding { .. } => {
+                State::Readying(_) | State::Standing | State::Travelling(_) | State::Holding { .. } => {
                     self.ask_status(now);
                 }
                 _ => {}
@@ -295,6 +305,9 @@ impl Arm {
             (Command::ServoOff, Reply::Done) => self.finish_parking(),
             (Command::ServoOn, Reply::Done) => {
                 self.servo_is_ours = true;
+                if let State::Readying(readying) = &mut self.state {
+                    readying.servo_asked = true;
+                }
                 self.ask_status(now);
             }
             (Command::HoldOff, Reply::Done) => self.ask_status(now),
@@ -308,7 +321,7 @@ impl Arm {
             return;
         }
         match self.state {
-            State::Readying { since, act_count } => self.decide_readying(now, status, since, act_count),
+            State::Readying(readying) => self.decide_readying(now, status, readying),
             State::Standing => self.timer = Some(now.plus_ms(IDLE_POLL_MS)),
             State::Travelling(_) => self.follow(now, status),
             State::Holding { confirmed: true } if status.running() => self.poll_later(now),
@@ -321,8 +334,9 @@ impl Arm {
     }
 
     /// One thing at a time is put right, then the status is read anew.
-    fn decide_readying(&mut self, now: Stamp, status: Status, since: Stamp, act_count: u32) {
-        let late = now.ms_since(since) >= self.settings.servo_timeout_ms || act_count >= READYING_ACTS_MAX;
+    fn decide_readying(&mut self, now: Stamp, status: Status, readying: Readying) {
+        let late =
+            now.ms_since(readying.since) >= self.settings.servo_timeout_ms || readying.act_count >= READYING_ACTS_MAX;
         let act = if status.alarm() || status.error() {
             return self.read_alarm(now);
         } else if !status.remote() {
@@ -351,12 +365,12 @@ impl Arm {
         }
         match act {
             // A servo that is on its way needs time, not another switch-on.
-            Some(Command::ServoOn) if self.servo_is_ours => self.poll_later(now),
+            Some(Command::ServoOn) if readying.servo_asked => self.poll_later(now),
             Some(act) => {
-                self.state = State::Readying {
-                    since,
-                    act_count: act_count + 1,
-                };
+                self.state = State::Readying(Readying {
+                    act_count: readying.act_count + 1,
+                    ..readying
+                });
                 self.exchange.say(now, act);
             }
             None => self.poll_later(now),
@@ -480,7 +494,7 @@ impl Arm {
                 travel.uncertain = true;
                 self.ask_status(now);
             }
-            (Kind::Act, _, State::Readying { .. }) => self.ask_status(now),
+            (Kind::Act, _, State::Readying(_)) => self.ask_status(now),
             (_, Command::Alarm, _) => self.fault(
                 FaultCode::RobotAlarm,
                 "an alarm is active; its number could not be read",
