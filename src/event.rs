@@ -196,7 +196,7 @@ impl Event {
             Self::ViewMissing { view_index, reason } => format!("view {view_index}: missing, {reason}"),
             Self::HoldAsked { by } => match by {
                 HoldBy::Operator => "holding the arm, as the operator asked".into(),
-                HoldBy::Robot => "held at the robot".into(),
+                HoldBy::Robot => "held at the robot: release it there, then resume".into(),
                 HoldBy::Ending => "holding the arm".into(),
             },
             Self::Held => "the arm is held and stands".into(),

@@ -407,12 +407,14 @@ fn servo_power_lost_during_a_hold_is_switched_on_again_by_resume() {
 fn a_hold_at_the_pendant_stops_the_run_until_it_is_released_there_and_resumed_here() {
     let mut pair = Pair::new(3, &[], 0.0, 1);
     pair.send(300_000_000, Delivery::ToPanel(Panel::Hold(true)));
-    pair.send(3_000_000_000, Delivery::ToPanel(Panel::Hold(false)));
-    pair.send(4_000_000_000, Delivery::ToController(Input::Operator(Command::Resume)));
+    // Resumed too early: the pendant still holds.
+    pair.send(2_000_000_000, Delivery::ToController(Input::Operator(Command::Resume)));
+    pair.send(4_000_000_000, Delivery::ToPanel(Panel::Hold(false)));
+    pair.send(5_000_000_000, Delivery::ToController(Input::Operator(Command::Resume)));
     let ending = pair.drive(|_| None);
     assert_eq!((ending, pair.merged_count()), (Ending::Finished, 3));
     let asked = |event: &Event| matches!(event, Event::HoldAsked { by: HoldBy::Robot });
-    assert!(pair.events.iter().any(|(_, event)| asked(event)));
+    assert_eq!(pair.events.iter().filter(|(_, event)| asked(event)).count(), 2);
     pair.replay();
 }
 

@@ -342,10 +342,8 @@ impl Arm {
         } else if !status.remote() {
             return self.fault(FaultCode::RobotNotRemote, "play mode with command remote is not set");
         } else if status.held_elsewhere() {
-            return self.fault(
-                FaultCode::RobotRefused,
-                "held at the pendant or from outside: release it there",
-            );
+            // Only a person there can release it: hold here as well until then.
+            return self.events.push_back(ArmEvent::HeldElsewhere);
         } else if status.held_by_command() {
             Some(Command::HoldOff)
         } else if status.running() {
