@@ -1,6 +1,5 @@
 //! Events: what happened in a run, for the journal, the console and the report.
 
-use crate::camera::CameraStatus;
 use crate::fault::Fault;
 use serde::{Deserialize, Serialize};
 
@@ -88,7 +87,13 @@ pub enum Event {
     /// The run cannot go on.
     Faulted { fault: Fault },
     /// The camera's condition, once a second.
-    CameraCondition { status: CameraStatus },
+    CameraCondition {
+        /// State number of `docs/protocols/camera.md`, section 3.
+        state: u8,
+        /// Projector, camera 1, camera 2, board; `None` if unknown.
+        temperature_c: [Option<f32>; 4],
+        missed_count: u32,
+    },
     /// A datagram from the robot answered nothing that was open.
     DatagramDropped { reason: String },
     /// Something worth recording that changes nothing.
@@ -203,7 +208,7 @@ impl Event {
             Self::Resumed => "the run goes on".into(),
             Self::AbortAsked => "ending the run, as the operator asked".into(),
             Self::Faulted { fault } => format!("FAULT {fault}"),
-            Self::CameraCondition { status } => format!("camera state {}", status.state),
+            Self::CameraCondition { state, .. } => format!("camera state {state}"),
             Self::DatagramDropped { reason } => format!("robot datagram dropped: {reason}"),
             Self::Noted { text } => text.clone(),
             Self::Ended { ending } => match ending {

@@ -33,9 +33,6 @@ const PEERS: &[(&str, &[&str])] = &[
     ("journal", &["controller", "job"]),
 ];
 
-/// An event carries the camera's condition as the camera reports it: a plain record, no behaviour.
-const EXCEPTIONS: &[(&str, &str)] = &[("event", "camera")];
-
 /// What floors 0 to 3 never name.
 const FORBIDDEN_BELOW_4: &[&str] = &[
     "tokio",
@@ -123,7 +120,7 @@ fn a_floor_uses_only_floors_below_it() {
     let mut wrong = Vec::new();
     for (module, file, code) in library() {
         for used in used_modules(&code) {
-            if used == module || EXCEPTIONS.contains(&(module.as_str(), used.as_str())) {
+            if used == module {
                 continue;
             }
             let allowed = floor_of(&used) < floor_of(&module)

@@ -397,7 +397,11 @@ impl Session {
             }
             CameraEvent::Frame(capture) => self.handle_capture(now, capture),
             CameraEvent::Failed { reason, retryable, .. } => self.handle_failure(now, reason, retryable),
-            CameraEvent::Status(status) => self.emit(Event::CameraCondition { status }),
+            CameraEvent::Status(status) => self.emit(Event::CameraCondition {
+                state: status.state,
+                temperature_c: status.temperature_c,
+                missed_count: status.missed_count,
+            }),
             CameraEvent::Note(text) => self.note(text),
             CameraEvent::Lost(trouble) => {
                 self.camera_done = true;

@@ -1,4 +1,5 @@
 use super::*;
+use crate::camera::settings::difference;
 use crate::camera::settings::tests::PAGE_SETTINGS;
 use crate::camera::wire::HEADER_BYTES;
 use crate::vectors::a3dp;
