@@ -5,10 +5,11 @@
 //! trace, which counts because the softened potential is not harmonic). Stand-ins are masses like all others: near and
 //! far go through one kernel, and the force is the exact gradient of the energy as long as no cell changes sides.
 //!
-//! A cell of radius `a` about its centroid is far if `a <= OPENING · D`, with `D` the least distance from the centroid
+//! A cell of radius `a` about its centroid is far if `a <= opening · D`, with `D` the least distance from the centroid
 //! to the sphere about the points that look. The first moments that the stand-ins lack are the third ones: the error of a
-//! cell's pull is of the order of `OPENING³` times that pull whatever the softening, so the sum's error is bounded by
-//! a share of the *sum of the magnitudes*: [`FORCE_ERROR_MAX`](super::FORCE_ERROR_MAX).
+//! cell's pull is of the order of `opening³` times that pull whatever the softening, so the sum's error is bounded by
+//! a share of the *sum of the magnitudes*: [`FORCE_ERROR_MAX`](super::FORCE_ERROR_MAX). A cell of half the mass has half
+//! the share, so the opening grows from a cell to its halves: the same error with less than half the masses.
 
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 
@@ -47,15 +48,15 @@ impl Tree {
         };
         let mut indices: Vec<usize> = (0..points.len()).collect();
         if !points.is_empty() {
-            tree.grow(points, &mut indices);
+            tree.grow(points, &mut indices, ROOT_OPENING);
         }
         tree
     }
 
     /// Adds the cell of these points and all within it.
-    fn grow(&mut self, points: &[Point3<f64>], indices: &mut [usize]) {
+    fn grow(&mut self, points: &[Point3<f64>], indices: &mut [usize], opening: f64) {
         let index = self.cells.len();
-        let (cell, stand_ins) = summary(points, indices);
+        let (cell, stand_ins) = summary(points, indices, opening);
         self.cells.push(cell);
         self.stand_ins.push(stand_ins);
         if indices.len() <= LANE_COUNT {
@@ -65,8 +66,9 @@ impl Tree {
                 .extend(Block::of_units(indices.iter().map(|&index| &points[index])));
         } else {
             let (low, high) = halves(points, indices);
-            self.grow(points, low);
-            self.grow(points, high);
+            let opening = (opening * OPENING_GROWTH).min(OPENING_MAX);
+            self.grow(points, low, opening);
+            self.grow(points, high, opening);
         }
         self.cells[index].next = self.cells.len() as u32;
     }
@@ -144,7 +146,7 @@ pub(super) fn bounds<'a>(points: impl IntoIterator<Item = &'a Point3<f64>>) -> (
     (low, high)
 }
 
-fn summary(points: &[Point3<f64>], indices: &[usize]) -> (Cell, StandIns) {
+fn summary(points: &[Point3<f64>], indices: &[usize], opening: f64) -> (Cell, StandIns) {
     let count = indices.len() as f64;
     let sum: Vector3<f64> = indices.iter().map(|&index| points[index].coords).sum();
     let centre = Point3::from(sum / count);
@@ -163,7 +165,7 @@ fn summary(points: &[Point3<f64>], indices: &[usize]) -> (Cell, StandIns) {
     });
     let cell = Cell {
         centre: centre.cast::<f32>(),
-        reach: (squared_radius.sqrt() / OPENING) as f32,
+        reach: (squared_radius.sqrt() / opening) as f32,
         next: 0,
         leaf_block: None,
     };
@@ -177,5 +179,9 @@ const STAND_IN_COUNT: usize = 4;
 const TETRAHEDRON: [[f64; 3]; STAND_IN_COUNT] =
     [[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]];
 
-/// A cell's radius over the distance from which its stand-ins may be looked at.
-const OPENING: f64 = 0.16;
+/// The radius of the whole over the distance from which its stand-ins may be looked at.
+const ROOT_OPENING: f64 = 0.12;
+/// The same ratio of a cell's halves over that of the cell: 2^(1/6).
+const OPENING_GROWTH: f64 = 1.122_462_048_309_373;
+/// The ratio does not grow beyond this.
+const OPENING_MAX: f64 = 0.35;
