@@ -290,6 +290,12 @@ mod tests {
         let pull = field.pulls(&[Point3::origin()], 0.5)[0];
         assert!((pull.force - Vector3::new(100.0 / 2.25, 0.0, 0.0)).norm() < 1e-4);
         assert!(field.pulls(&[Point3::from([f64::NAN; 3])], 0.5)[0].energy.is_nan());
+        for wrong in [f64::NAN, f64::INFINITY, 1e200] {
+            let mut masses = points(100, 0.0);
+            masses[50].y = wrong;
+            let field = Field::summed(&masses, Summation::Tree);
+            assert_eq!(field.pulls(&masses, 0.5).len(), 100);
+        }
     }
 
     #[test]

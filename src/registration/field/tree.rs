@@ -157,12 +157,13 @@ fn summary(points: &[Point3<f64>], indices: &[usize], opening: f64) -> (Cell, St
         covariance += from_centre * from_centre.transpose();
         squared_radius = squared_radius.max(from_centre.norm_squared());
     }
-    let axes = SymmetricEigen::new(covariance / count);
-    let lengths = axes.eigenvalues.map(|value| value.max(0.0).sqrt());
-    let at = TETRAHEDRON.map(|corner| {
-        let along = Vector3::from(corner).component_mul(&lengths);
-        (centre + axes.eigenvectors * along).cast::<f32>()
+    // Without finite axes (points that are no numbers) all stand at the centroid.
+    let axes = SymmetricEigen::try_new(covariance / count, f64::EPSILON, EIGEN_ITERATION_MAX_COUNT);
+    let half_axes = axes.map_or_else(Matrix3::zeros, |axes| {
+        let lengths = axes.eigenvalues.map(|value| value.max(0.0).sqrt());
+        axes.eigenvectors * Matrix3::from_diagonal(&lengths)
     });
+    let at = TETRAHEDRON.map(|corner| (centre + half_axes * Vector3::from(corner)).cast::<f32>());
     let cell = Cell {
         centre: centre.cast::<f32>(),
         reach: (squared_radius.sqrt() / opening) as f32,
@@ -179,6 +180,8 @@ const STAND_IN_COUNT: usize = 4;
 const TETRAHEDRON: [[f64; 3]; STAND_IN_COUNT] =
     [[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]];
 
+/// More than enough for a matrix of three rows.
+const EIGEN_ITERATION_MAX_COUNT: usize = 100;
 /// The radius of the whole over the distance from which its stand-ins may be looked at.
 const ROOT_OPENING: f64 = 0.12;
 /// The same ratio of a cell's halves over that of the cell: 2^(1/6).
