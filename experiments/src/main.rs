@@ -1,5 +1,6 @@
 //! Measurements of bladescan that are too slow or too specific for its tests.
 
+mod bench;
 mod cases;
 mod golden;
 mod model;
@@ -23,6 +24,8 @@ enum Command {
     Model(model::ModelArguments),
     /// Checks client and simulated controller against golden HSES frames.
     Golden(golden::GoldenArguments),
+    /// Prints one table of the registration's speed: kernels, full-sample MPE, one view by stage.
+    Bench(bench::BenchArguments),
     /// Times the parts that have a budget, on generated data.
     Speed,
 }
@@ -32,6 +35,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Command::Pairs(arguments) => pairs::run(&arguments),
         Command::Model(arguments) => model::run(&arguments),
         Command::Golden(arguments) => golden::run(&arguments),
+        Command::Bench(arguments) => bench::run(&arguments),
         Command::Speed => speed::run(),
     }
 }

@@ -28,6 +28,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
 pub use self::consistency::overlap;
+pub use self::field::Summation;
 pub use self::icp::{IcpLevel, IcpSettings, Metric, Trimming};
 pub use self::mpe::{Formulation, Halving, MpeSettings, Stop};
 pub use self::reference::{POINT_MIN_COUNT, Reference, RegisterError};

@@ -11,9 +11,11 @@
 //!
 //! Where the printed formulas cannot be meant, `docs/paper.md` says what is done instead.
 
+use std::borrow::Cow;
+
 use nalgebra::{Isometry3, Point3, Vector3, Vector6};
 
-use super::field::{Field, Pull};
+use super::field::{Field, Pull, Summation};
 use super::reference::rms_radius;
 use super::twist::moved;
 
@@ -38,6 +40,8 @@ pub struct MpeSettings {
     pub stop: Stop,
     /// The most iterations of a round.
     pub iteration_max_count: u32,
+    /// How the field of the reference is summed.
+    pub summation: Summation,
 }
 
 impl Default for MpeSettings {
@@ -52,6 +56,7 @@ impl Default for MpeSettings {
             halving: Halving::Independent,
             stop: Stop::Both,
             iteration_max_count: 100,
+            summation: Summation::Automatic,
         }
     }
 }
@@ -97,8 +102,8 @@ pub struct Descent {
 
 /// Lets `template` fall from `start` in the field of `reference`.
 ///
-/// Every pair of points counts, so the work is the product of the counts times the iterations: give samples. Empty
-/// samples stay at the start.
+/// Every pair of points counts. With [`Summation::Pairs`] the work is the product of the counts times the iterations, with
+/// [`Summation::Tree`] it is nearly linear in the counts, so all points can take part. Empty samples stay at the start.
 pub fn descend(
     template: &[Point3<f64>],
     reference: &[Point3<f64>],
@@ -110,7 +115,7 @@ pub fn descend(
         energy: 0.0,
         iterations: 0,
     };
-    let Some(system) = System::new(template, reference) else {
+    let Some(system) = System::summed(template, reference, settings.summation) else {
         return descent;
     };
     for (round, &softening) in settings.softening_factors.iter().enumerate() {
@@ -126,7 +131,7 @@ pub fn descend(
 
 /// A template in the field of a reference. Inside, lengths are over the reference's radius and about its centroid.
 pub(super) struct System<'a> {
-    template: &'a [Point3<f64>],
+    template: Cow<'a, [Point3<f64>]>,
     centre: Point3<f64>,
     radius: f64,
     field: Field,
@@ -147,17 +152,27 @@ pub(super) struct Loads {
 impl<'a> System<'a> {
     /// `None` without a template or when the reference has no extent.
     pub(super) fn new(template: &'a [Point3<f64>], reference: &[Point3<f64>]) -> Option<Self> {
+        Self::summed(template, reference, Summation::Pairs)
+    }
+
+    fn summed(template: &'a [Point3<f64>], reference: &[Point3<f64>], summation: Summation) -> Option<Self> {
         let centre = mean(reference);
         let radius = rms_radius(reference, &centre);
         if template.is_empty() || radius <= 0.0 {
             return None;
         }
         let scaled = |point: &Point3<f64>| Point3::from((point - centre) / radius);
+        let field = Field::summed(&reference.iter().map(scaled).collect::<Vec<_>>(), summation);
+        // Neighbours stay neighbours in every pose, so one order serves all of them.
+        let template = match field.best_order(template) {
+            Some(order) => order.into_iter().map(|index| template[index]).collect(),
+            None => Cow::Borrowed(template),
+        };
         Some(Self {
             template,
             centre,
             radius,
-            field: Field::new(&reference.iter().map(scaled).collect::<Vec<_>>()),
+            field,
         })
     }
 
@@ -168,7 +183,7 @@ impl<'a> System<'a> {
 
     /// The template's root-mean-square radius over the reference's.
     pub(super) fn gyration(&self) -> f64 {
-        (rms_radius(self.template, &mean(self.template)) / self.radius).max(f64::MIN_POSITIVE)
+        (rms_radius(&self.template, &mean(&self.template)) / self.radius).max(f64::MIN_POSITIVE)
     }
 
     /// Total force, torque about the centroid and energy at `pose`; `softening` is ε² over the radius.
@@ -320,6 +335,27 @@ mod tests {
         let error = fall(Formulation::RigidBody, Halving::Nested, Stop::Either);
         assert!(error < 0.2, "{error}");
         assert!(fall(Formulation::Literal, Halving::Nested, Stop::Either).is_finite());
+    }
+
+    #[test]
+    fn in_the_field_of_a_tree_the_template_falls_to_the_same_place() {
+        let template = blade(3000, 0.0);
+        let truth = Isometry3::new(Vector3::new(0.1, -0.1, 0.05), Vector3::new(0.1, 0.2, 0.3));
+        let reference = blade(3000, 0.5).transformed(&truth);
+        let fallen = |summation| {
+            let settings = MpeSettings {
+                summation,
+                ..MpeSettings::default()
+            };
+            descend(template.points(), reference.points(), &Isometry3::identity(), &settings).reference_from_template
+        };
+        let between = fallen(Summation::Pairs).inverse() * fallen(Summation::Tree);
+        assert!(between.rotation.angle() < 5e-3, "{}", between.rotation.angle());
+        assert!(
+            between.translation.vector.norm() < 5e-3,
+            "{}",
+            between.translation.vector.norm()
+        );
     }
 
     #[test]

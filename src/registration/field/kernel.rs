@@ -1,0 +1,179 @@
+//! The pull of a list of masses on points, in the widest vector unit there is.
+//!
+//! Sums run over a fixed number of lanes in a fixed order and nothing is fused, so every kernel gives the same bits.
+
+use nalgebra::{Point3, Vector3};
+
+use super::Pull;
+
+/// The vector instructions that sum a field. All of them give the same bits; only their speed differs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Kernel(Width);
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Width {
+    Portable,
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
+}
+
+impl Kernel {
+    /// The kernels that this processor can run, the fastest one last; never empty.
+    pub fn available() -> Vec<Self> {
+        #[cfg_attr(not(target_arch = "x86_64"), expect(unused_mut, reason = "there is but one"))]
+        let mut kernels = vec![Self(Width::Portable)];
+        #[cfg(target_arch = "x86_64")]
+        {
+            if std::arch::is_x86_feature_detected!("avx2") {
+                kernels.push(Self(Width::Avx2));
+            }
+            if std::arch::is_x86_feature_detected!("avx512f") {
+                kernels.push(Self(Width::Avx512));
+            }
+        }
+        kernels
+    }
+
+    /// The fastest kernel that this processor can run.
+    pub fn fastest() -> Self {
+        Self::available().pop().unwrap_or(Self(Width::Portable))
+    }
+
+    /// What it is called in results.
+    pub fn name(self) -> &'static str {
+        match self.0 {
+            Width::Portable => "portable",
+            #[cfg(target_arch = "x86_64")]
+            Width::Avx2 => "avx2",
+            #[cfg(target_arch = "x86_64")]
+            Width::Avx512 => "avx512",
+        }
+    }
+
+    /// The pull of all `blocks` on each of `points`, in order.
+    pub(super) fn pulls(self, blocks: &[Block], points: &[Point3<f64>], softening: f32) -> Vec<Pull> {
+        match self.0 {
+            Width::Portable => pulls_portable(blocks, points, softening),
+            #[cfg(target_arch = "x86_64")]
+            #[expect(
+                unsafe_code,
+                reason = "`available` makes this kernel only where the processor has the instructions"
+            )]
+            Width::Avx2 => unsafe { pulls_avx2(blocks, points, softening) },
+            #[cfg(target_arch = "x86_64")]
+            #[expect(
+                unsafe_code,
+                reason = "`available` makes this kernel only where the processor has the instructions"
+            )]
+            Width::Avx512 => unsafe { pulls_avx512(blocks, points, softening) },
+        }
+    }
+}
+
+/// Masses that are summed side by side.
+pub(super) const LANE_COUNT: usize = 16;
+
+/// As many masses as there are lanes; a lane without one has mass 0.
+#[derive(Debug, Clone, Copy)]
+#[repr(align(64))]
+pub(super) struct Block {
+    x: [f32; LANE_COUNT],
+    y: [f32; LANE_COUNT],
+    z: [f32; LANE_COUNT],
+    mass: [f32; LANE_COUNT],
+}
+
+impl Block {
+    /// No masses.
+    pub(super) const EMPTY: Self = Self {
+        x: [0.0; LANE_COUNT],
+        y: [0.0; LANE_COUNT],
+        z: [0.0; LANE_COUNT],
+        mass: [0.0; LANE_COUNT],
+    };
+
+    /// Puts a mass into a lane.
+    pub(super) fn put(&mut self, lane: usize, at: &Point3<f32>, mass: f32) {
+        self.x[lane] = at.x;
+        self.y[lane] = at.y;
+        self.z[lane] = at.z;
+        self.mass[lane] = mass;
+    }
+
+    /// One unit mass at each of `points`, in order.
+    pub(super) fn of_units<'a>(points: impl IntoIterator<Item = &'a Point3<f64>>) -> Vec<Self> {
+        let mut blocks: Vec<Self> = Vec::new();
+        for (index, point) in points.into_iter().enumerate() {
+            let lane = index % LANE_COUNT;
+            if lane == 0 {
+                blocks.push(Self::EMPTY);
+            }
+            if let Some(block) = blocks.last_mut() {
+                block.put(lane, &point.cast::<f32>(), 1.0);
+            }
+        }
+        blocks
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f")]
+fn pulls_avx512(blocks: &[Block], points: &[Point3<f64>], softening: f32) -> Vec<Pull> {
+    pulls_portable(blocks, points, softening)
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn pulls_avx2(blocks: &[Block], points: &[Point3<f64>], softening: f32) -> Vec<Pull> {
+    pulls_portable(blocks, points, softening)
+}
+
+#[inline(always)]
+fn pulls_portable(blocks: &[Block], points: &[Point3<f64>], softening: f32) -> Vec<Pull> {
+    let mut pulls = Vec::with_capacity(points.len());
+    let pairs = points.chunks_exact(2);
+    let rest = pairs.remainder();
+    for pair in pairs {
+        pulls.extend(pull(blocks, [&pair[0], &pair[1]], softening));
+    }
+    for point in rest {
+        pulls.extend(pull(blocks, [point], softening));
+    }
+    pulls
+}
+
+/// The pull on a few points at once, each summed by itself: the divider then never waits for a sum.
+#[inline(always)]
+fn pull<const COUNT: usize>(blocks: &[Block], points: [&Point3<f64>; COUNT], softening: f32) -> [Pull; COUNT] {
+    let at = points.map(|point| point.cast::<f32>());
+    let mut fx = [[0.0f32; LANE_COUNT]; COUNT];
+    let mut fy = [[0.0f32; LANE_COUNT]; COUNT];
+    let mut fz = [[0.0f32; LANE_COUNT]; COUNT];
+    let mut potential = [[0.0f32; LANE_COUNT]; COUNT];
+    for block in blocks {
+        for i in 0..COUNT {
+            for lane in 0..LANE_COUNT {
+                let dx = block.x[lane] - at[i].x;
+                let dy = block.y[lane] - at[i].y;
+                let dz = block.z[lane] - at[i].z;
+                let d = (dx * dx + dy * dy + dz * dz + COINCIDENT).sqrt();
+                let r = d + softening;
+                let g = block.mass[lane] / (d * r * r);
+                fx[i][lane] += g * dx;
+                fy[i][lane] += g * dy;
+                fz[i][lane] += g * dz;
+                potential[i][lane] += g * d * r;
+            }
+        }
+    }
+    let total = |lanes: &[f32; LANE_COUNT]| lanes.iter().map(|&value| f64::from(value)).sum::<f64>();
+    std::array::from_fn(|i| Pull {
+        force: Vector3::new(total(&fx[i]), total(&fy[i]), total(&fz[i])),
+        energy: -total(&potential[i]),
+    })
+}
+
+/// Keeps the direction to a coinciding mass finite (it pulls nowhere).
+const COINCIDENT: f32 = 1e-20;
