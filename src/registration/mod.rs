@@ -22,6 +22,7 @@ pub(crate) mod testing;
 #[cfg(test)]
 mod tests;
 mod twist;
+mod uncertainty;
 
 use nalgebra::{Isometry3, Matrix6, Vector6};
 use rand_chacha::ChaCha8Rng;

@@ -9,7 +9,10 @@ use super::icp::{Problem, Refined, Sample, finish};
 use super::mpe::descend;
 use super::nfi::minimum;
 use super::reference::{rms_radius, roughness_of};
-use super::{FineStage, Overlap, POINT_MIN_COUNT, Reference, Registration, Search, Settings, Stage, Status};
+use super::uncertainty::{Tolerance, covariance_of_minimum, determination, may_be_preferred};
+use super::{
+    Determination, FineStage, Overlap, POINT_MIN_COUNT, Reference, Registration, Search, Settings, Stage, Status,
+};
 use crate::geometry::PointCloud;
 use crate::geometry::nearest::NearestPoints;
 use crate::geometry::normals::{Roughness, with_estimated_normals};
@@ -101,18 +104,20 @@ pub(super) fn run(
             last_level,
             settings.weak_directions,
         )
+        .map(|fine| {
+            let ambiguous = work.is_ambiguous(&rivals, &fine);
+            (fine, ambiguous)
+        })
     };
     // The score needs surfaces; among noise the energy has chosen.
     let no_worse = |pose| noisy || judge.score(reference, pose) >= start_score - WORSE;
     let mut outcome = match fine {
-        Some(fine) if no_worse(&fine.pose) => {
+        Some((fine, ambiguous)) if no_worse(&fine.pose) => {
             let (overlap, rmse) = residuals(template, reference, &fine.pose, overlap_distance);
             stages.end("fine", fine.iterations);
             let status = if overlap.fraction < settings.overlap_min_fraction {
                 Status::Failed
-            } else if rmse > settings.residual_max_factor * work.roughness.scatter
-                || (!noisy && work.is_ambiguous(&rivals, &fine))
-            {
+            } else if ambiguous || rmse > settings.residual_max_factor * work.roughness.scatter {
                 Status::Ambiguous
             } else if fine.determination.weak.is_empty() {
                 Status::Converged
@@ -294,21 +299,36 @@ impl Work<'_> {
         }
     }
 
+    /// The solution among noise, and whether it is ambiguous.
     fn fine_of_noisy(
         &self,
         fine_sample: &Sample,
         candidates: &[Isometry3<f64>],
         rng: &mut ChaCha8Rng,
-    ) -> Option<Refined> {
+    ) -> Option<(Refined, bool)> {
         let sample = self.sample(NFI_COUNT, rng).points;
         let reference = self.reference_sample(NFI_COUNT, rng);
-        let found = minimum(&sample, &reference, candidates, self.roughness.scatter)?;
+        let noise = self.roughness.scatter;
+        let (found, refined) = minimum(&sample, &reference, candidates, noise)?;
         let reach = (3.0 * self.roughness.scatter).max(self.reference.default_overlap_distance());
-        Some(Refined {
+        let covariance = covariance_of_minimum(&sample, &reference, &found.pose, noise);
+        let determination = match covariance {
+            Some(covariance) => determination(&covariance, self.problem.radius, &TOLERANCE),
+            None => Determination {
+                covariance,
+                ..self.problem.assess(fine_sample, &found.pose, reach)?
+            },
+        };
+        let fine = Refined {
             pose: found.pose,
             iterations: found.iterations,
-            determination: self.problem.assess(fine_sample, &found.pose, reach)?,
-        })
+            determination,
+        };
+        let ambiguous = covariance.is_none()
+            || refined.iter().any(|rival| {
+                self.is_ambiguous(&[*rival], &fine) && may_be_preferred(&sample, &reference, &fine.pose, rival, noise)
+            });
+        Some((fine, ambiguous))
     }
 }
 
@@ -362,6 +382,11 @@ const NEAR_REFERENCE_FACTOR: usize = 8;
 const NORMAL_NEIGHBOUR_COUNT: usize = 20;
 /// From this fuzziness on there is no surface to register to, only points.
 const NOISY_FUZZINESS: f64 = 0.58;
+/// Among noise a motion with a larger standard deviation than this is weak: a degree, three hundredths of the radius.
+const TOLERANCE: Tolerance = Tolerance {
+    turn_rad: 0.0175,
+    shift_factor: 0.03,
+};
 /// How many points of each cloud take part in full-sample NFI.
 const NFI_COUNT: usize = 4000;
 
