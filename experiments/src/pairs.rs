@@ -32,6 +32,12 @@ pub(crate) struct PairsArguments {
     /// Searches all rotations instead of the neighbourhood of the identity.
     #[arg(long)]
     everywhere: bool,
+    /// Searches all rotations when the neighbourhood of the identity does not explain the clouds.
+    #[arg(long, conflicts_with = "everywhere")]
+    automatic: bool,
+    /// Starts from the truth: what fails then fails by the judgement, not by the search.
+    #[arg(long)]
+    from_truth: bool,
     /// Turns every source at random (all of SO(3), about its centroid) and shifts it by up to its radius before it is
     /// registered; this seeds the draws. Scored in the case's own frame.
     #[arg(long, value_name = "SEED")]
@@ -51,6 +57,8 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
         weak_directions: WeakDirections::Report,
         search: if arguments.everywhere {
             Search::Everywhere
+        } else if arguments.automatic {
+            Search::Automatic
         } else {
             Search::Near
         },
@@ -63,6 +71,11 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
             .turned
             .map_or_else(Isometry3::identity, |seed| turn(&source, seed, index as u64));
         let turned = source.transformed(&turn);
+        let start = if arguments.from_truth {
+            cases::isometry(&case.truth) * turn.inverse()
+        } else {
+            Isometry3::identity()
+        };
         let target = cases::cloud(&case.folder.join("target.ply"))?;
         let begun = Instant::now();
         let reference = Reference::new(&target)?;
@@ -71,7 +84,7 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
         let found = register(
             &turned,
             &reference,
-            &Isometry3::identity(),
+            &start,
             &settings,
             Seed(arguments.seed).stream(Stream::Sampling { view_index: 0 }),
             &mut |stage| {

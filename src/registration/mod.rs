@@ -88,6 +88,8 @@ pub enum Search {
         /// Reach over the template's root-mean-square radius.
         reach_factor: f64,
     },
+    /// As `Near`, and as `Everywhere` when that does not explain the clouds or when they are mostly noise.
+    Automatic,
     /// MPE from the start and from 24 rotations spread over all of SO(3) with the centroids laid on each other.
     Everywhere,
 }

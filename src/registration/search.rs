@@ -2,11 +2,12 @@
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
 
 use super::coarse::{Coarse, choose, rivals};
 use super::consistency::{Judge, residuals};
 use super::icp::{Problem, Refined, Sample, finish};
-use super::mpe::descend;
+use super::mpe::{Descent, descend};
 use super::nfi::minimum;
 use super::reference::{rms_radius, roughness_of};
 use super::uncertainty::{Tolerance, covariance_of_minimum, determination, may_be_preferred};
@@ -71,7 +72,10 @@ pub(super) fn run(
 
     let noisy = work.is_noisy();
     let mut candidates = vec![*start];
-    let mpe_iterations = work.add_candidates(start, &mut candidates, &mut rng);
+    let mut mpe_iterations = work.add_near_candidate(start, &mut candidates, &mut rng);
+    if settings.search == Search::Everywhere || (settings.search == Search::Automatic && noisy) {
+        mpe_iterations += work.add_global_candidates(&mut candidates, &mut rng);
+    }
     stages.end("mpe", mpe_iterations);
 
     let samples = work.coarse_samples(&mut rng);
@@ -79,11 +83,20 @@ pub(super) fn run(
     for candidate in &candidates {
         coarse.add(candidate);
     }
-    let wide = matches!(settings.search, Search::Near | Search::Everywhere);
-    if wide && !noisy && !coarse.is_explained(overlap_distance, roughness.scatter) {
+    let explained = |coarse: &Coarse<'_>| noisy || coarse.is_explained(overlap_distance, roughness.scatter);
+    let mut global_iterations = 0;
+    if settings.search == Search::Automatic && !noisy && !(coarse.is_consistent() && explained(&coarse)) {
+        let near_count = candidates.len();
+        global_iterations = work.add_global_candidates(&mut candidates, &mut rng);
+        for candidate in &candidates[near_count..] {
+            coarse.add(candidate);
+        }
+    }
+    let wide = matches!(settings.search, Search::Near | Search::Automatic | Search::Everywhere);
+    if wide && !explained(&coarse) {
         coarse.add_turned_starts(start);
     }
-    let coarse_iterations = coarse.iterations;
+    let coarse_iterations = coarse.iterations + global_iterations;
     let refined = coarse.refined;
     let chosen = choose(&refined);
     let rivals = rivals(&refined, chosen);
@@ -195,8 +208,8 @@ impl Work<'_> {
             .collect()
     }
 
-    /// Adds what MPE comes to from the start and, if so wished, from rotations all over SO(3).
-    fn add_candidates(
+    /// Adds what MPE comes to from the start.
+    fn add_near_candidate(
         &self,
         start: &Isometry3<f64>,
         candidates: &mut Vec<Isometry3<f64>>,
@@ -208,39 +221,38 @@ impl Work<'_> {
         let near = match settings.search {
             Search::StartOnly => return 0,
             Search::NearPart { reach_factor } => self.reference_near(start, reach_factor, count, rng),
-            Search::Near | Search::Everywhere => self.reference_sample(count, rng),
+            Search::Near | Search::Automatic | Search::Everywhere => self.reference_sample(count, rng),
         };
         let descent = descend(&sample, &near, start, &settings.mpe);
         candidates.push(descent.reference_from_template);
-        let mut iterations = descent.iterations;
-        if settings.search == Search::Everywhere {
-            let thin = |points: &[Point3<f64>]| points.iter().copied().take(GLOBAL_COUNT).collect::<Vec<_>>();
-            let few = thin(&self.sample(GLOBAL_COUNT, rng).points);
-            let whole = thin(&self.reference_sample(GLOBAL_COUNT, rng));
-            let mut descents: Vec<_> = spread_rotations()
-                .into_iter()
-                .map(|turn| {
-                    let pose = Translation3::from(self.reference.centroid().coords)
-                        * turn
-                        * Translation3::from(-self.problem.centroid.coords);
-                    let descent = descend(&few, &whole, &pose, &settings.mpe);
-                    iterations += descent.iterations;
-                    descent
-                })
-                .collect();
-            descents.sort_by(|a, b| a.energy.total_cmp(&b.energy));
-            let limit = candidates.len() + GLOBAL_KEPT_COUNT;
-            for descent in descents {
-                let pose = descent.reference_from_template;
-                let known = candidates
-                    .iter()
-                    .any(|other| !distinct(other, &pose, &self.problem.centroid, self.problem.radius));
-                if !known && candidates.len() < limit {
-                    candidates.push(pose);
-                }
+        descent.iterations
+    }
+
+    /// Adds the best few of what MPE comes to from rotations all over SO(3).
+    fn add_global_candidates(&self, candidates: &mut Vec<Isometry3<f64>>, rng: &mut ChaCha8Rng) -> u32 {
+        let few = self.sample(GLOBAL_COUNT, rng).points;
+        let whole = self.reference_sample(GLOBAL_COUNT, rng);
+        let mut descents: Vec<Descent> = spread_rotations()
+            .into_par_iter()
+            .map(|turn| {
+                let pose = Translation3::from(self.reference.centroid().coords)
+                    * turn
+                    * Translation3::from(-self.problem.centroid.coords);
+                descend(&few, &whole, &pose, &self.settings.mpe)
+            })
+            .collect();
+        descents.sort_by(|a, b| a.energy.total_cmp(&b.energy));
+        let limit = candidates.len() + GLOBAL_KEPT_COUNT;
+        for descent in &descents {
+            let pose = descent.reference_from_template;
+            let known = candidates
+                .iter()
+                .any(|other| !distinct(other, &pose, &self.problem.centroid, self.problem.radius));
+            if !known && candidates.len() < limit {
+                candidates.push(pose);
             }
         }
-        iterations
+        descents.iter().map(|descent| descent.iterations).sum()
     }
 
     fn reference_sample(&self, count: usize, rng: &mut ChaCha8Rng) -> Vec<Point3<f64>> {
