@@ -110,7 +110,7 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
                 .collect();
             writeln!(
                 out,
-                "{} {} {:?} rot {:.5} trans {:.5} rmse {:.5} overlap {:.3} fuzziness {:.2} weak {:?} [{}]",
+                "{} {} {:?} rot {:.5} trans {:.5} rmse {:.5} overlap {:.3} fuzziness {:.2} oriented {} weak {:?} [{}]",
                 relative.display(),
                 if errors.success { "ok" } else { "FAIL" },
                 found.status,
@@ -119,6 +119,7 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
                 errors.rmse,
                 found.overlap.fraction,
                 reference.roughness().fuzziness,
+                reference.is_oriented(),
                 found.weak_directions.iter().map(|weak| weak.sigma).collect::<Vec<_>>(),
                 stages.join(", "),
             )?;

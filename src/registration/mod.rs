@@ -13,6 +13,7 @@ pub mod mpe;
 
 mod coarse;
 mod consistency;
+mod facing;
 mod nfi;
 mod normal_matrix;
 mod reference;

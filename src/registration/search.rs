@@ -9,14 +9,14 @@ use super::consistency::{Judge, residuals};
 use super::icp::{Problem, Refined, Sample, finish};
 use super::mpe::{Descent, descend};
 use super::nfi::minimum;
-use super::reference::{rms_radius, roughness_of};
+use super::reference::{estimated, rms_radius, roughness_of};
 use super::uncertainty::{Tolerance, covariance_of_minimum, determination, may_be_preferred};
 use super::{
     Determination, FineStage, Overlap, POINT_MIN_COUNT, Reference, Registration, Search, Settings, Stage, Status,
 };
 use crate::geometry::PointCloud;
 use crate::geometry::nearest::NearestPoints;
-use crate::geometry::normals::{Roughness, with_estimated_normals};
+use crate::geometry::normals::Roughness;
 use crate::geometry::sampling::random_indices;
 
 pub(super) fn run(
@@ -41,22 +41,26 @@ pub(super) fn run(
         ended: Vec::new(),
         on_stage,
     };
-    let given_normals = template.normals().is_some();
     let tree = NearestPoints::new(template.points());
     let (fixed, moving) = (reference.roughness(), roughness_of(template.points(), &tree));
     let roughness = Roughness {
         scatter: fixed.scatter.hypot(moving.scatter),
         fuzziness: fixed.fuzziness.max(moving.fuzziness),
     };
+    let (prepared, oriented) = if template.normals().is_some() {
+        (template.clone(), true)
+    } else {
+        estimated(template, &tree)
+    };
     let work = Work {
-        template: with_normals(template, &tree),
+        template: prepared,
         roughness,
         reference,
         problem: Problem {
             reference,
             centroid,
             radius,
-            oriented: given_normals && reference.is_oriented(),
+            oriented: oriented && reference.is_oriented(),
             metric: settings.icp.metric,
             trimming: settings.icp.trimming,
         },
@@ -344,13 +348,6 @@ impl Work<'_> {
     }
 }
 
-fn with_normals(cloud: &PointCloud, tree: &NearestPoints) -> PointCloud {
-    if cloud.normals().is_some() {
-        return cloud.clone();
-    }
-    with_estimated_normals(cloud, tree, NORMAL_NEIGHBOUR_COUNT, None)
-}
-
 fn distinct(a: &Isometry3<f64>, b: &Isometry3<f64>, centroid: &Point3<f64>, radius: f64) -> bool {
     let turn = (a.rotation.inverse() * b.rotation).angle();
     let shift = (a * centroid - b * centroid).norm();
@@ -391,7 +388,6 @@ const GLOBAL_COUNT: usize = 300;
 const GLOBAL_KEPT_COUNT: usize = 6;
 const NEAR_TEMPLATE_COUNT: usize = 2000;
 const NEAR_REFERENCE_FACTOR: usize = 8;
-const NORMAL_NEIGHBOUR_COUNT: usize = 20;
 /// From this fuzziness on there is no surface to register to, only points.
 const NOISY_FUZZINESS: f64 = 0.58;
 /// Among noise a motion with a larger standard deviation than this is weak: a degree, three hundredths of the radius.
