@@ -7,10 +7,14 @@ use std::io::Write;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use bladescan::registration::{Reference, Search, Settings, WeakDirections, register};
+use bladescan::geometry::PointCloud;
+use bladescan::registration::{Reference, Search, Settings, Status, WeakDirections, register};
 use bladescan::seed::{Seed, Stream};
 use clap::Args;
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
 
 use crate::cases::{self, Errors};
 
@@ -28,6 +32,16 @@ pub(crate) struct PairsArguments {
     /// Searches all rotations instead of the neighbourhood of the identity.
     #[arg(long)]
     everywhere: bool,
+    /// Searches all rotations when the neighbourhood of the identity does not explain the clouds.
+    #[arg(long, conflicts_with = "everywhere")]
+    automatic: bool,
+    /// Starts from the truth: what fails then fails by the judgement, not by the search.
+    #[arg(long)]
+    from_truth: bool,
+    /// Turns every source at random (all of SO(3), about its centroid) and shifts it by up to its radius before it is
+    /// registered; this seeds the draws. Scored in the case's own frame.
+    #[arg(long, value_name = "SEED")]
+    turned: Option<u64>,
     /// Prints a line for every case, with the stages.
     #[arg(long)]
     verbose: bool,
@@ -43,23 +57,34 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
         weak_directions: WeakDirections::Report,
         search: if arguments.everywhere {
             Search::Everywhere
+        } else if arguments.automatic {
+            Search::Automatic
         } else {
             Search::Near
         },
         ..Settings::default()
     };
-    let mut groups: BTreeMap<String, Vec<(Errors, f64)>> = BTreeMap::new();
-    for case in &cases {
+    let mut groups: BTreeMap<String, Vec<Outcome>> = BTreeMap::new();
+    for (index, case) in cases.iter().enumerate() {
         let source = cases::cloud(&case.folder.join("source.ply"))?;
+        let turn = arguments
+            .turned
+            .map_or_else(Isometry3::identity, |seed| turn(&source, seed, index as u64));
+        let turned = source.transformed(&turn);
+        let start = if arguments.from_truth {
+            cases::isometry(&case.truth) * turn.inverse()
+        } else {
+            Isometry3::identity()
+        };
         let target = cases::cloud(&case.folder.join("target.ply"))?;
         let begun = Instant::now();
         let reference = Reference::new(&target)?;
         let mut times = vec![("reference", 0, begun.elapsed().as_secs_f64())];
         let mut last = Instant::now();
         let found = register(
-            &source,
+            &turned,
             &reference,
-            &Isometry3::identity(),
+            &start,
             &settings,
             Seed(arguments.seed).stream(Stream::Sampling { view_index: 0 }),
             &mut |stage| {
@@ -68,12 +93,13 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
             },
         );
         let seconds = begun.elapsed().as_secs_f64();
-        let errors = cases::errors(case, &source, &found.reference_from_template);
+        let estimate = found.reference_from_template * turn;
+        let errors = cases::errors(case, &source, &estimate);
         let relative = case.folder.strip_prefix(&arguments.root)?;
         if let Some(folder) = &arguments.out {
             let path = folder.join(format!("{}.txt", relative.display()));
             fs::create_dir_all(path.parent().unwrap_or(folder))?;
-            let matrix = found.reference_from_template.to_homogeneous().transpose();
+            let matrix = estimate.to_homogeneous().transpose();
             let numbers: Vec<String> = matrix.iter().map(|value| format!("{value:.17e}")).collect();
             fs::write(path, format!("{} {seconds}\n", numbers.join(" ")))?;
         }
@@ -84,7 +110,7 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
                 .collect();
             writeln!(
                 out,
-                "{} {} {:?} rot {:.5} trans {:.5} rmse {:.5} overlap {:.3} fuzziness {:.2} weak {:?} [{}]",
+                "{} {} {:?} rot {:.5} trans {:.5} rmse {:.5} overlap {:.3} fuzziness {:.2} oriented {} weak {:?} [{}]",
                 relative.display(),
                 if errors.success { "ok" } else { "FAIL" },
                 found.status,
@@ -93,6 +119,7 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
                 errors.rmse,
                 found.overlap.fraction,
                 reference.roughness().fuzziness,
+                reference.is_oriented(),
                 found.weak_directions.iter().map(|weak| weak.sigma).collect::<Vec<_>>(),
                 stages.join(", "),
             )?;
@@ -101,26 +128,79 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
         groups
             .entry(format!("{} {} {}", key("exp"), key("model"), key("level")))
             .or_default()
-            .push((errors, seconds));
+            .push(Outcome {
+                errors,
+                seconds,
+                status: found.status,
+            });
     }
     writeln!(
         out,
-        "{:<28} {:>6} {:>9} {:>12} {:>12} {:>12} {:>9}",
-        "group", "cases", "success", "median deg", "median trans", "median rmse", "median s"
+        "{:<28} {:>6} {:>9} {:>12} {:>12} {:>12} {:>9} {:>7} {:>6}",
+        "group", "cases", "success", "median deg", "median trans", "median rmse", "median s", "worst s", "silent"
     )?;
+    let mut all = (0, 0, 0, 0);
     for (name, results) in groups {
-        let successes = results.iter().filter(|(errors, _)| errors.success).count();
-        let of = |value: fn(&(Errors, f64)) -> f64| cases::median(results.iter().map(value).collect());
+        let successes = results.iter().filter(|outcome| outcome.errors.success).count();
+        let silent = results.iter().filter(|outcome| outcome.is_silently_wrong()).count();
+        let sure = results
+            .iter()
+            .filter(|outcome| outcome.status == Status::Converged)
+            .count();
+        all = (all.0 + results.len(), all.1 + successes, all.2 + sure, all.3 + silent);
+        let of = |value: fn(&Outcome) -> f64| cases::median(results.iter().map(value).collect());
         writeln!(
             out,
-            "{name:<28} {:>6} {:>8.1}% {:>12.5} {:>12.5} {:>12.5} {:>9.3}",
+            "{name:<28} {:>6} {:>8.1}% {:>12.5} {:>12.5} {:>12.5} {:>9.3} {:>7.3} {silent:>6}",
             results.len(),
             100.0 * successes as f64 / results.len() as f64,
-            of(|(errors, _)| errors.rotation_deg),
-            of(|(errors, _)| errors.translation),
-            of(|(errors, _)| errors.rmse),
-            of(|(_, seconds)| *seconds),
+            of(|outcome| outcome.errors.rotation_deg),
+            of(|outcome| outcome.errors.translation),
+            of(|outcome| outcome.errors.rmse),
+            of(|outcome| outcome.seconds),
+            results.iter().map(|outcome| outcome.seconds).fold(0.0, f64::max),
         )?;
     }
+    writeln!(
+        out,
+        "all: {} cases, {} right, {} converged, {} converged but wrong",
+        all.0, all.1, all.2, all.3
+    )?;
     Ok(())
+}
+
+struct Outcome {
+    errors: Errors,
+    seconds: f64,
+    status: Status,
+}
+
+impl Outcome {
+    fn is_silently_wrong(&self) -> bool {
+        self.status == Status::Converged && !self.errors.success
+    }
+}
+
+/// A rotation drawn evenly from SO(3) about the cloud's centroid, and a shift of at most the cloud's radius each way.
+fn turn(cloud: &PointCloud, seed: u64, stream: u64) -> Isometry3<f64> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    rng.set_stream(stream);
+    let mut quaternion = Quaternion::identity() * 2.0;
+    // Even over the ball, and so over directions: at most a few dozen draws in any likelihood.
+    while quaternion.norm() > 1.0 {
+        let mut draw = || 2.0 * rng.random::<f64>() - 1.0;
+        quaternion = Quaternion::new(draw(), draw(), draw(), draw());
+    }
+    let centroid = cloud.centroid();
+    let squared: f64 = cloud
+        .points()
+        .iter()
+        .map(|point| (point - centroid).norm_squared())
+        .sum();
+    let radius = (squared / cloud.len().max(1) as f64).sqrt();
+    let mut draw = || (2.0 * rng.random::<f64>() - 1.0) * radius;
+    let shift = Vector3::new(draw(), draw(), draw());
+    Translation3::from(centroid.coords + shift)
+        * UnitQuaternion::from_quaternion(quaternion)
+        * Translation3::from(-centroid.coords)
 }

@@ -2,7 +2,7 @@
 
 use super::{Exit, Failure, print};
 use crate::geometry::{Measured, PointCloud, isometry_from_rows, matrix_rows, read_cloud};
-use crate::registration::{Reference, Registration, Settings, Stage, Status, WeakDirections, register};
+use crate::registration::{Reference, Registration, Search, Settings, Stage, Status, WeakDirections, register};
 use crate::seed::{Seed, Stream};
 use nalgebra::Isometry3;
 use serde_json::{Value, json};
@@ -16,7 +16,8 @@ pub(super) struct Args {
     template: PathBuf,
     /// The cloud that stays.
     reference: PathBuf,
-    /// Start: 16 numbers, 4x4 row-major, reference_from_template [default: the identity].
+    /// Start: 16 numbers, 4x4 row-major, reference_from_template [default: the identity, and any other when that
+    /// does not explain the clouds].
     #[arg(long, value_name = "T.txt")]
     init: Option<PathBuf>,
     /// Seeds the samples.
@@ -61,6 +62,10 @@ pub(super) fn main(args: &Args) -> Result<Exit, Failure> {
             // A given start is a measurement; the identity is only a guess.
             Some(_) => WeakDirections::Hold,
             None => WeakDirections::Report,
+        },
+        search: match args.init {
+            Some(_) => Search::Near,
+            None => Search::Automatic,
         },
         ..Settings::default()
     };

@@ -72,6 +72,11 @@ impl<'a> Coarse<'a> {
         overlap.fraction > self.settings.overlap_min_fraction && rmse <= self.settings.residual_max_factor * scatter
     }
 
+    /// Whether most of the template lies on the reference in the best candidate.
+    pub(super) fn is_consistent(&self) -> bool {
+        self.refined[choose(&self.refined)].score > CONSISTENT
+    }
+
     fn refined_over(&mut self, levels: std::ops::Range<usize>, mut pose: Isometry3<f64>) -> Isometry3<f64> {
         let all = &self.settings.icp.levels;
         for index in levels {
@@ -151,6 +156,8 @@ fn turns() -> Vec<Vector6<f64>> {
 const TURNS_RAD: [f64; 2] = [0.75, -0.75];
 /// How many of the turned starts are refined further.
 const TURNED_KEPT_COUNT: usize = 4;
+/// A better score than this is that of views that share most of their surface.
+const CONSISTENT: f64 = 0.5;
 /// Scores this much apart are different.
 const CLEARLY: f64 = 0.01;
 /// Scores within this share of each other are about the same.

@@ -13,6 +13,7 @@ pub mod mpe;
 
 mod coarse;
 mod consistency;
+mod facing;
 mod nfi;
 mod normal_matrix;
 mod reference;
@@ -22,6 +23,7 @@ pub(crate) mod testing;
 #[cfg(test)]
 mod tests;
 mod twist;
+mod uncertainty;
 
 use nalgebra::{Isometry3, Matrix6, Vector6};
 use rand_chacha::ChaCha8Rng;
@@ -88,6 +90,8 @@ pub enum Search {
         /// Reach over the template's root-mean-square radius.
         reach_factor: f64,
     },
+    /// As `Near`, and as `Everywhere` when that does not explain the clouds or when they are mostly noise.
+    Automatic,
     /// MPE from the start and from 24 rotations spread over all of SO(3) with the centroids laid on each other.
     Everywhere,
 }

@@ -19,19 +19,22 @@ pub(super) struct Minimum {
 
 /// Refines every candidate on thinned clouds, keeps the one with the lowest energy over all points, and refines that.
 ///
+/// Also returns what every candidate came to on the thinned clouds, in order.
+///
 /// `noise` is the clouds' scatter in their unit. `candidates` must not be empty; ties go to the earlier one.
 pub(super) fn minimum(
     template: &[Point3<f64>],
     reference: &[Point3<f64>],
     candidates: &[Isometry3<f64>],
     noise: f64,
-) -> Option<Minimum> {
+) -> Option<(Minimum, Vec<Isometry3<f64>>)> {
     let full = System::new(template, reference)?;
     let softening = noise / full.radius();
     let (thin_template, thin_reference) = (thinned(template), thinned(reference));
     let thin = System::new(&thin_template, &thin_reference)?;
     let mut best: Option<Minimum> = None;
     let mut iterations = 0;
+    let mut refined = Vec::with_capacity(candidates.len());
     for candidate in candidates {
         let mut pose = *candidate;
         for factor in [4.0, 1.5] {
@@ -39,6 +42,7 @@ pub(super) fn minimum(
             pose = found.pose;
             iterations += found.iterations;
         }
+        refined.push(pose);
         let energy = full.loads(&pose, softening).energy;
         if best.as_ref().is_none_or(|best| energy < best.energy) {
             best = Some(Minimum {
@@ -50,7 +54,7 @@ pub(super) fn minimum(
     }
     let mut found = minimise(&full, &best?.pose, softening);
     found.iterations += iterations;
-    Some(found)
+    Some((found, refined))
 }
 
 fn thinned(points: &[Point3<f64>]) -> Vec<Point3<f64>> {
@@ -148,7 +152,7 @@ mod tests {
         let truth = Isometry3::new(Vector3::new(0.05, 0.02, -0.03), Vector3::new(0.05, 0.1, -0.05));
         let sigma = 0.05;
         let reference = noisy(&template.transformed(&truth), sigma, 9);
-        let found = minimum(template.points(), reference.points(), &[Isometry3::identity()], sigma).unwrap();
+        let (found, _) = minimum(template.points(), reference.points(), &[Isometry3::identity()], sigma).unwrap();
         let squared: f64 = template
             .points()
             .iter()

@@ -3,6 +3,7 @@
 use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
+use super::facing::{signed, towards_camera};
 use crate::geometry::PointCloud;
 use crate::geometry::nearest::{NearestPoints, Neighbour};
 use crate::geometry::normals::{Roughness, roughness, with_estimated_normals};
@@ -54,8 +55,8 @@ pub const POINT_MIN_COUNT: usize = 10;
 impl Reference {
     /// Prepares `cloud`: builds the tree, measures the spacing, and estimates normals if there are none.
     ///
-    /// Normals that are given are taken to face the sensor; estimated ones have no meaningful sign, and then only the
-    /// angle between the two surfaces' tangent planes counts.
+    /// Normals that are given are taken to face the sensor. Estimated ones do if the cloud tells where it was seen from;
+    /// otherwise only the angle between the two surfaces' tangent planes counts.
     ///
     /// # Errors
     /// When there are fewer than [`POINT_MIN_COUNT`] points or all of them coincide.
@@ -75,11 +76,10 @@ impl Reference {
         let tree = NearestPoints::new(cloud.points());
         let spacing = median_spacing(cloud.points(), &tree, radius);
         let roughness = roughness_of(cloud.points(), &tree);
-        let oriented = cloud.normals().is_some();
-        let cloud = if oriented {
-            cloud.clone()
+        let (cloud, oriented) = if cloud.normals().is_some() {
+            (cloud.clone(), true)
         } else {
-            with_estimated_normals(cloud, &tree, NORMAL_NEIGHBOUR_COUNT, None)
+            estimated(cloud, &tree)
         };
         Ok(Self {
             cloud,
@@ -107,7 +107,7 @@ impl Reference {
         self.cloud.normals().unwrap_or(&[])
     }
 
-    /// Whether the normals were given with the cloud, so that their sign tells the sides of a thin wall apart.
+    /// Whether the normals were given with the cloud or the cloud tells where it was seen from, so that their sign tells the sides of a thin wall apart.
     pub fn is_oriented(&self) -> bool {
         self.oriented
     }
@@ -150,6 +150,22 @@ impl Reference {
         let mut moved = Self::new(&self.cloud.transformed(target_from_source))?;
         moved.oriented = self.oriented;
         Ok(moved)
+    }
+}
+
+/// The cloud with estimated normals, and whether they face its camera.
+pub(super) fn estimated(cloud: &PointCloud, tree: &NearestPoints) -> (PointCloud, bool) {
+    let cloud = with_estimated_normals(cloud, tree, NORMAL_NEIGHBOUR_COUNT, None);
+    let Some(normals) = cloud.normals() else {
+        return (cloud, false);
+    };
+    let Some(camera) = towards_camera(cloud.points(), normals) else {
+        return (cloud, false);
+    };
+    let facing = normals.iter().map(|normal| signed(normal, &camera)).collect();
+    match cloud.clone().with_normals(facing) {
+        Some(facing) => (facing, true),
+        None => (cloud, false),
     }
 }
 

@@ -2,17 +2,21 @@
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
 
 use super::coarse::{Coarse, choose, rivals};
 use super::consistency::{Judge, residuals};
 use super::icp::{Problem, Refined, Sample, finish};
-use super::mpe::descend;
+use super::mpe::{Descent, descend};
 use super::nfi::minimum;
-use super::reference::{rms_radius, roughness_of};
-use super::{FineStage, Overlap, POINT_MIN_COUNT, Reference, Registration, Search, Settings, Stage, Status};
+use super::reference::{estimated, rms_radius, roughness_of};
+use super::uncertainty::{Tolerance, covariance_of_minimum, determination, may_be_preferred};
+use super::{
+    Determination, FineStage, Overlap, POINT_MIN_COUNT, Reference, Registration, Search, Settings, Stage, Status,
+};
 use crate::geometry::PointCloud;
 use crate::geometry::nearest::NearestPoints;
-use crate::geometry::normals::{Roughness, with_estimated_normals};
+use crate::geometry::normals::Roughness;
 use crate::geometry::sampling::random_indices;
 
 pub(super) fn run(
@@ -37,22 +41,26 @@ pub(super) fn run(
         ended: Vec::new(),
         on_stage,
     };
-    let given_normals = template.normals().is_some();
     let tree = NearestPoints::new(template.points());
     let (fixed, moving) = (reference.roughness(), roughness_of(template.points(), &tree));
     let roughness = Roughness {
         scatter: fixed.scatter.hypot(moving.scatter),
         fuzziness: fixed.fuzziness.max(moving.fuzziness),
     };
+    let (prepared, oriented) = if template.normals().is_some() {
+        (template.clone(), true)
+    } else {
+        estimated(template, &tree)
+    };
     let work = Work {
-        template: with_normals(template, &tree),
+        template: prepared,
         roughness,
         reference,
         problem: Problem {
             reference,
             centroid,
             radius,
-            oriented: given_normals && reference.is_oriented(),
+            oriented: oriented && reference.is_oriented(),
             metric: settings.icp.metric,
             trimming: settings.icp.trimming,
         },
@@ -68,7 +76,10 @@ pub(super) fn run(
 
     let noisy = work.is_noisy();
     let mut candidates = vec![*start];
-    let mpe_iterations = work.add_candidates(start, &mut candidates, &mut rng);
+    let mut mpe_iterations = work.add_near_candidate(start, &mut candidates, &mut rng);
+    if settings.search == Search::Everywhere || (settings.search == Search::Automatic && noisy) {
+        mpe_iterations += work.add_global_candidates(&mut candidates, &mut rng);
+    }
     stages.end("mpe", mpe_iterations);
 
     let samples = work.coarse_samples(&mut rng);
@@ -76,11 +87,20 @@ pub(super) fn run(
     for candidate in &candidates {
         coarse.add(candidate);
     }
-    let wide = matches!(settings.search, Search::Near | Search::Everywhere);
-    if wide && !noisy && !coarse.is_explained(overlap_distance, roughness.scatter) {
+    let explained = |coarse: &Coarse<'_>| noisy || coarse.is_explained(overlap_distance, roughness.scatter);
+    let mut global_iterations = 0;
+    if settings.search == Search::Automatic && !noisy && !(coarse.is_consistent() && explained(&coarse)) {
+        let near_count = candidates.len();
+        global_iterations = work.add_global_candidates(&mut candidates, &mut rng);
+        for candidate in &candidates[near_count..] {
+            coarse.add(candidate);
+        }
+    }
+    let wide = matches!(settings.search, Search::Near | Search::Automatic | Search::Everywhere);
+    if wide && !explained(&coarse) {
         coarse.add_turned_starts(start);
     }
-    let coarse_iterations = coarse.iterations;
+    let coarse_iterations = coarse.iterations + global_iterations;
     let refined = coarse.refined;
     let chosen = choose(&refined);
     let rivals = rivals(&refined, chosen);
@@ -101,18 +121,20 @@ pub(super) fn run(
             last_level,
             settings.weak_directions,
         )
+        .map(|fine| {
+            let ambiguous = work.is_ambiguous(&rivals, &fine);
+            (fine, ambiguous)
+        })
     };
     // The score needs surfaces; among noise the energy has chosen.
     let no_worse = |pose| noisy || judge.score(reference, pose) >= start_score - WORSE;
     let mut outcome = match fine {
-        Some(fine) if no_worse(&fine.pose) => {
+        Some((fine, ambiguous)) if no_worse(&fine.pose) => {
             let (overlap, rmse) = residuals(template, reference, &fine.pose, overlap_distance);
             stages.end("fine", fine.iterations);
             let status = if overlap.fraction < settings.overlap_min_fraction {
                 Status::Failed
-            } else if rmse > settings.residual_max_factor * work.roughness.scatter
-                || (!noisy && work.is_ambiguous(&rivals, &fine))
-            {
+            } else if ambiguous || rmse > settings.residual_max_factor * work.roughness.scatter {
                 Status::Ambiguous
             } else if fine.determination.weak.is_empty() {
                 Status::Converged
@@ -190,8 +212,8 @@ impl Work<'_> {
             .collect()
     }
 
-    /// Adds what MPE comes to from the start and, if so wished, from rotations all over SO(3).
-    fn add_candidates(
+    /// Adds what MPE comes to from the start.
+    fn add_near_candidate(
         &self,
         start: &Isometry3<f64>,
         candidates: &mut Vec<Isometry3<f64>>,
@@ -203,39 +225,38 @@ impl Work<'_> {
         let near = match settings.search {
             Search::StartOnly => return 0,
             Search::NearPart { reach_factor } => self.reference_near(start, reach_factor, count, rng),
-            Search::Near | Search::Everywhere => self.reference_sample(count, rng),
+            Search::Near | Search::Automatic | Search::Everywhere => self.reference_sample(count, rng),
         };
         let descent = descend(&sample, &near, start, &settings.mpe);
         candidates.push(descent.reference_from_template);
-        let mut iterations = descent.iterations;
-        if settings.search == Search::Everywhere {
-            let thin = |points: &[Point3<f64>]| points.iter().copied().take(GLOBAL_COUNT).collect::<Vec<_>>();
-            let few = thin(&self.sample(GLOBAL_COUNT, rng).points);
-            let whole = thin(&self.reference_sample(GLOBAL_COUNT, rng));
-            let mut descents: Vec<_> = spread_rotations()
-                .into_iter()
-                .map(|turn| {
-                    let pose = Translation3::from(self.reference.centroid().coords)
-                        * turn
-                        * Translation3::from(-self.problem.centroid.coords);
-                    let descent = descend(&few, &whole, &pose, &settings.mpe);
-                    iterations += descent.iterations;
-                    descent
-                })
-                .collect();
-            descents.sort_by(|a, b| a.energy.total_cmp(&b.energy));
-            let limit = candidates.len() + GLOBAL_KEPT_COUNT;
-            for descent in descents {
-                let pose = descent.reference_from_template;
-                let known = candidates
-                    .iter()
-                    .any(|other| !distinct(other, &pose, &self.problem.centroid, self.problem.radius));
-                if !known && candidates.len() < limit {
-                    candidates.push(pose);
-                }
+        descent.iterations
+    }
+
+    /// Adds the best few of what MPE comes to from rotations all over SO(3).
+    fn add_global_candidates(&self, candidates: &mut Vec<Isometry3<f64>>, rng: &mut ChaCha8Rng) -> u32 {
+        let few = self.sample(GLOBAL_COUNT, rng).points;
+        let whole = self.reference_sample(GLOBAL_COUNT, rng);
+        let mut descents: Vec<Descent> = spread_rotations()
+            .into_par_iter()
+            .map(|turn| {
+                let pose = Translation3::from(self.reference.centroid().coords)
+                    * turn
+                    * Translation3::from(-self.problem.centroid.coords);
+                descend(&few, &whole, &pose, &self.settings.mpe)
+            })
+            .collect();
+        descents.sort_by(|a, b| a.energy.total_cmp(&b.energy));
+        let limit = candidates.len() + GLOBAL_KEPT_COUNT;
+        for descent in &descents {
+            let pose = descent.reference_from_template;
+            let known = candidates
+                .iter()
+                .any(|other| !distinct(other, &pose, &self.problem.centroid, self.problem.radius));
+            if !known && candidates.len() < limit {
+                candidates.push(pose);
             }
         }
-        iterations
+        descents.iter().map(|descent| descent.iterations).sum()
     }
 
     fn reference_sample(&self, count: usize, rng: &mut ChaCha8Rng) -> Vec<Point3<f64>> {
@@ -294,29 +315,37 @@ impl Work<'_> {
         }
     }
 
+    /// The solution among noise, and whether it is ambiguous.
     fn fine_of_noisy(
         &self,
         fine_sample: &Sample,
         candidates: &[Isometry3<f64>],
         rng: &mut ChaCha8Rng,
-    ) -> Option<Refined> {
+    ) -> Option<(Refined, bool)> {
         let sample = self.sample(NFI_COUNT, rng).points;
         let reference = self.reference_sample(NFI_COUNT, rng);
-        let found = minimum(&sample, &reference, candidates, self.roughness.scatter)?;
+        let noise = self.roughness.scatter;
+        let (found, refined) = minimum(&sample, &reference, candidates, noise)?;
         let reach = (3.0 * self.roughness.scatter).max(self.reference.default_overlap_distance());
-        Some(Refined {
+        let covariance = covariance_of_minimum(&sample, &reference, &found.pose, noise);
+        let determination = match covariance {
+            Some(covariance) => determination(&covariance, self.problem.radius, &TOLERANCE),
+            None => Determination {
+                covariance,
+                ..self.problem.assess(fine_sample, &found.pose, reach)?
+            },
+        };
+        let fine = Refined {
             pose: found.pose,
             iterations: found.iterations,
-            determination: self.problem.assess(fine_sample, &found.pose, reach)?,
-        })
+            determination,
+        };
+        let ambiguous = covariance.is_none()
+            || refined.iter().any(|rival| {
+                self.is_ambiguous(&[*rival], &fine) && may_be_preferred(&sample, &reference, &fine.pose, rival, noise)
+            });
+        Some((fine, ambiguous))
     }
-}
-
-fn with_normals(cloud: &PointCloud, tree: &NearestPoints) -> PointCloud {
-    if cloud.normals().is_some() {
-        return cloud.clone();
-    }
-    with_estimated_normals(cloud, tree, NORMAL_NEIGHBOUR_COUNT, None)
 }
 
 fn distinct(a: &Isometry3<f64>, b: &Isometry3<f64>, centroid: &Point3<f64>, radius: f64) -> bool {
@@ -359,9 +388,13 @@ const GLOBAL_COUNT: usize = 300;
 const GLOBAL_KEPT_COUNT: usize = 6;
 const NEAR_TEMPLATE_COUNT: usize = 2000;
 const NEAR_REFERENCE_FACTOR: usize = 8;
-const NORMAL_NEIGHBOUR_COUNT: usize = 20;
 /// From this fuzziness on there is no surface to register to, only points.
 const NOISY_FUZZINESS: f64 = 0.58;
+/// Among noise a motion with a larger standard deviation than this is weak: a degree, three hundredths of the radius.
+const TOLERANCE: Tolerance = Tolerance {
+    turn_rad: 0.0175,
+    shift_factor: 0.03,
+};
 /// How many points of each cloud take part in full-sample NFI.
 const NFI_COUNT: usize = 4000;
 
