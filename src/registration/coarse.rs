@@ -156,8 +156,8 @@ fn turns() -> Vec<Vector6<f64>> {
 const TURNS_RAD: [f64; 2] = [0.75, -0.75];
 /// How many of the turned starts are refined further.
 const TURNED_KEPT_COUNT: usize = 4;
-/// A better score than this is that of views that share most of their surface.
-const CONSISTENT: f64 = 0.5;
+/// A better score than this is that of views that share most of their surface; a flipped blade can reach 0.5.
+const CONSISTENT: f64 = 0.8;
 /// Scores this much apart are different.
 const CLEARLY: f64 = 0.01;
 /// Scores within this share of each other are about the same.

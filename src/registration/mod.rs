@@ -90,7 +90,7 @@ pub enum Search {
         /// Reach over the template's root-mean-square radius.
         reach_factor: f64,
     },
-    /// As `Near`, and as `Everywhere` when that does not explain the clouds or when they are mostly noise.
+    /// As `Near`, and as `Everywhere` when that does not explain most of the template or the clouds are noisy.
     Automatic,
     /// MPE from the start and from 24 rotations spread over all of SO(3) with the centroids laid on each other.
     Everywhere,
