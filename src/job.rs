@@ -1,8 +1,8 @@
 //! Jobs: the numeric work of a run, as pure functions of their input. The pool runs them; replay runs them again.
 
 use crate::camera::Capture;
-use crate::geometry::PointCloud;
 use crate::geometry::normals::{GridNormals, normals_from_grid};
+use crate::geometry::{PointCloud, matrix_rows};
 use crate::reconstruction::{Decision, Model, ViewRegistration, ViewSettings, register_view};
 use crate::registration::Stage;
 use crate::seed::{Seed, Stream};
@@ -18,8 +18,6 @@ pub enum Job {
     Prepare {
         /// Which view.
         view_index: usize,
-        /// Which attempt at it.
-        attempt: u16,
         /// The frame.
         capture: Arc<Capture>,
     },
@@ -77,6 +75,17 @@ pub struct StageTime {
     pub name: String,
     /// How long.
     pub ns: u64,
+}
+
+/// A job that has ended, as whoever ran it hands it back.
+#[derive(Debug, Clone)]
+pub struct FinishedJob {
+    /// What came of it.
+    pub output: JobOutput,
+    /// [`JobOutput::digest`] of that.
+    pub digest: String,
+    /// How long its stages took.
+    pub times: Vec<StageTime>,
 }
 
 impl Job {
@@ -144,7 +153,8 @@ impl RegisterJob {
 }
 
 impl JobOutput {
-    /// A fingerprint of every bit that follows from the job, for the journal.
+    /// A fingerprint of every bit that follows from the job, for the journal. Reads all of a model: not for the loop
+    /// that talks to the devices.
     pub fn digest(&self) -> String {
         let mut hash = Sha256::new();
         match self {
@@ -154,28 +164,21 @@ impl JobOutput {
             } => {
                 hash.update(b"prepared");
                 hash.update((*unreliable_count as u64).to_le_bytes());
-                update_cloud(&mut hash, cloud);
+                update_numbers(&mut hash, cloud.points().iter().flat_map(|point| point.coords.iter()));
+                update_numbers(&mut hash, cloud.normals().unwrap_or_default().iter().flatten());
             }
             Self::Registered { registration, model } => {
                 hash.update(b"registered");
                 hash.update(format!("{:?}", registration.decision));
-                for value in crate::geometry::matrix_rows(&registration.model_from_view).as_flattened() {
-                    hash.update(value.to_bits().to_le_bytes());
-                }
+                update_numbers(&mut hash, matrix_rows(&registration.model_from_view).as_flattened());
                 if let Some(found) = &registration.registration {
-                    hash.update(found.rmse.to_bits().to_le_bytes());
+                    update_numbers(&mut hash, [&found.rmse]);
                     hash.update((found.overlap.count as u64).to_le_bytes());
-                    for value in found.covariance.iter().flat_map(|matrix| matrix.iter()) {
-                        hash.update(value.to_bits().to_le_bytes());
-                    }
+                    update_numbers(&mut hash, found.covariance.iter().flatten());
                 }
-                if let Some(model) = model {
-                    for point in model.points() {
-                        for value in point.position.coords.iter().chain(point.normal.iter()) {
-                            hash.update(value.to_bits().to_le_bytes());
-                        }
-                        hash.update(point.weight.to_le_bytes());
-                    }
+                for point in model.iter().flat_map(|model| model.points()) {
+                    update_numbers(&mut hash, point.position.coords.iter().chain(&point.normal));
+                    hash.update(point.weight.to_le_bytes());
                 }
             }
             Self::Panicked { text } => {
@@ -187,16 +190,9 @@ impl JobOutput {
     }
 }
 
-fn update_cloud(hash: &mut Sha256, cloud: &PointCloud) {
-    for point in cloud.points() {
-        for value in &point.coords {
-            hash.update(value.to_bits().to_le_bytes());
-        }
-    }
-    for normal in cloud.normals().unwrap_or_default() {
-        for value in normal {
-            hash.update(value.to_bits().to_le_bytes());
-        }
+fn update_numbers<'a>(hash: &mut Sha256, numbers: impl IntoIterator<Item = &'a f64>) {
+    for number in numbers {
+        hash.update(number.to_bits().to_le_bytes());
     }
 }
 

@@ -3,7 +3,7 @@
 use bladescan::camera::CameraOutput;
 use bladescan::controller::{Command, Controller, Header, Input, Output, ViewOutcome};
 use bladescan::event::{Ending, Event, HoldBy};
-use bladescan::job::sha256;
+use bladescan::job::{FinishedJob, sha256};
 use bladescan::journal::{Recording, Writer, input_record, output_records};
 use bladescan::plan::Plan;
 use bladescan::run::{Pool, replay};
@@ -98,7 +98,7 @@ impl Pair {
         Self {
             renderer: Renderer::new(&Builtin::HptA.mesh(), scene.noise).unwrap(),
             cell: Cell::new(scene),
-            controller: Controller::new(header, recipe, station, plan),
+            controller: Controller::new(header, &recipe, &station, plan),
             pool: Pool::new().unwrap(),
             now_ns: 0,
             wire: BTreeMap::new(),
@@ -184,9 +184,11 @@ impl Pair {
                 Output::Camera(CameraOutput::Bytes { bytes, .. }) => self.send(LATENCY_NS, Delivery::ToCamera(bytes)),
                 Output::Camera(CameraOutput::Close) => self.send(LATENCY_NS, Delivery::CameraClose),
                 Output::Job { job_id, job } => {
-                    let output = self.pool.run(&job);
-                    let times = Vec::new();
-                    self.send(JOB_NS, Delivery::ToController(Input::JobDone { job_id, output, times }));
+                    let done = FinishedJob {
+                        times: Vec::new(),
+                        ..self.pool.run(&job)
+                    };
+                    self.send(JOB_NS, Delivery::ToController(Input::JobDone { job_id, done }));
                 }
                 Output::Event(event) => {
                     commands.extend(on_event(&event));

@@ -112,7 +112,7 @@ impl RunJob {
             .map_err(|error| Failure::Broken(error.to_string()))?;
         let pool = Pool::new().map_err(|error| Failure::Broken(format!("cannot start threads: {error}")))?;
         let live = Live {
-            controller: Controller::new(header, self.recipe.meaning, self.station.meaning, self.plan),
+            controller: Controller::new(header, &self.recipe.meaning, &self.station.meaning, self.plan),
             journal,
             start_unix_ns,
             links,

@@ -1,8 +1,9 @@
 //! The views between the camera and the model: prepared as they come, registered and merged in index order.
 
+use super::Output;
 use crate::event::{Event, ViewFigures};
 use crate::geometry::PointCloud;
-use crate::job::{Job, JobOutput, RegisterJob, StageTime};
+use crate::job::{FinishedJob, Job, JobOutput, RegisterJob, StageTime};
 use crate::plan::{PlannedView, camera_relative};
 use crate::reconstruction::{Decision, DiscardReason, Model, OverlapMin, PriorLimits, ViewRegistration, ViewSettings};
 use crate::registration::{self, Search};
@@ -50,24 +51,6 @@ pub enum ViewOutcome {
     },
 }
 
-/// What the backlog hands up.
-#[derive(Debug)]
-pub(super) enum BacklogEvent {
-    Job {
-        job_id: u32,
-        job: Arc<Job>,
-    },
-    Event(Event),
-    ViewCloud {
-        view_index: usize,
-        cloud: Arc<PointCloud>,
-    },
-    ViewPose {
-        view_index: usize,
-        model_from_view: Isometry3<f64>,
-    },
-}
-
 /// The views between the camera and the model.
 #[derive(Debug)]
 pub(super) struct Backlog {
@@ -85,7 +68,7 @@ pub(super) struct Backlog {
     registering: bool,
     next_job_id: u32,
     jobs: Vec<(u32, usize)>,
-    events: VecDeque<BacklogEvent>,
+    outputs: VecDeque<Output>,
 }
 
 #[derive(Debug)]
@@ -125,7 +108,7 @@ impl Backlog {
             registering: false,
             next_job_id: 1,
             jobs: Vec::new(),
-            events: VecDeque::new(),
+            outputs: VecDeque::new(),
         }
     }
 
@@ -147,11 +130,7 @@ impl Backlog {
             came: now,
             cloud: None,
         });
-        self.start_job(Job::Prepare {
-            view_index,
-            attempt,
-            capture,
-        });
+        self.start_job(Job::Prepare { view_index, capture });
     }
 
     /// No frame will come of a view.
@@ -160,28 +139,22 @@ impl Backlog {
     }
 
     /// A job has ended. Returns what a panic said.
-    pub(super) fn handle_done(
-        &mut self,
-        now: Stamp,
-        job_id: u32,
-        output: JobOutput,
-        times: Vec<StageTime>,
-    ) -> Option<String> {
+    pub(super) fn handle_done(&mut self, now: Stamp, job_id: u32, done: FinishedJob) -> Option<String> {
         let place = self.jobs.iter().position(|(open, _)| *open == job_id)?;
         let (_, view_index) = self.jobs.remove(place);
-        self.views[view_index].times.extend(times);
-        match output {
+        self.views[view_index].times.extend(done.times);
+        match done.output {
             JobOutput::Prepared {
                 cloud,
                 unreliable_count,
             } => {
                 self.views[view_index].point_count = cloud.len();
-                self.events.push_back(BacklogEvent::Event(Event::ViewPrepared {
+                self.outputs.push_back(Output::Event(Event::ViewPrepared {
                     view_index,
                     point_count: cloud.len(),
                     unreliable_count,
                 }));
-                self.events.push_back(BacklogEvent::ViewCloud {
+                self.outputs.push_back(Output::ViewCloud {
                     view_index,
                     cloud: cloud.clone(),
                 });
@@ -233,8 +206,8 @@ impl Backlog {
         &self.views
     }
 
-    pub(super) fn poll_event(&mut self) -> Option<BacklogEvent> {
-        self.events.pop_front()
+    pub(super) fn poll_output(&mut self) -> Option<Output> {
+        self.outputs.pop_front()
     }
 
     /// Starts the registration of the front view once it is prepared: one at a time, in index order.
@@ -276,11 +249,11 @@ impl Backlog {
                 self.last_merged = Some(found.model_from_view);
                 view.outcome = ViewOutcome::Merged;
                 view.model_from_view = Some(found.model_from_view);
-                self.events.push_back(BacklogEvent::ViewPose {
+                self.outputs.push_back(Output::ViewPose {
                     view_index,
                     model_from_view: found.model_from_view,
                 });
-                self.events.push_back(BacklogEvent::Event(Event::ViewMerged {
+                self.outputs.push_back(Output::Event(Event::ViewMerged {
                     view_index,
                     figures,
                     model_point_count: self.model.len(),
@@ -289,7 +262,7 @@ impl Backlog {
             Decision::Discard(reason) => {
                 let reason = discard_words(reason, &self.settings);
                 view.outcome = ViewOutcome::Discarded { reason: reason.clone() };
-                self.events.push_back(BacklogEvent::Event(Event::ViewDiscarded {
+                self.outputs.push_back(Output::Event(Event::ViewDiscarded {
                     view_index,
                     figures,
                     reason,
@@ -302,7 +275,7 @@ impl Backlog {
         let job_id = self.next_job_id;
         self.next_job_id += 1;
         self.jobs.push((job_id, job.view_index()));
-        self.events.push_back(BacklogEvent::Job {
+        self.outputs.push_back(Output::Job {
             job_id,
             job: Arc::new(job),
         });

@@ -13,14 +13,14 @@ use crate::camera::CameraOutput;
 use crate::event::{Ending, Event, HoldBy};
 use crate::fault::{Fault, FaultCode};
 use crate::geometry::PointCloud;
-use crate::job::{Job, JobOutput, StageTime};
+use crate::job::{FinishedJob, Job};
 use crate::plan::Plan;
 use crate::reconstruction::Model;
 use crate::robot::Datagram;
 use crate::session::{Session, SessionEvent};
 use crate::settings::{Recipe, Station};
 use crate::stamp::Stamp;
-use backlog::{Backlog, BacklogEvent};
+use backlog::Backlog;
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
@@ -70,9 +70,7 @@ pub enum Input {
         /// Which one.
         job_id: u32,
         /// What came of it.
-        output: JobOutput,
-        /// How long its stages took.
-        times: Vec<StageTime>,
+        done: FinishedJob,
     },
     /// The journal cannot be written any more.
     JournalFailed {
@@ -129,8 +127,6 @@ pub struct Controller {
     plan: Plan,
     session: Session,
     backlog: Backlog,
-    recipe: Recipe,
-    station: Station,
     begun: bool,
     over: bool,
     outputs: VecDeque<Output>,
@@ -138,14 +134,12 @@ pub struct Controller {
 
 impl Controller {
     /// A run that has not begun.
-    pub fn new(header: Header, recipe: Recipe, station: Station, plan: Plan) -> Self {
+    pub fn new(header: Header, recipe: &Recipe, station: &Station, plan: Plan) -> Self {
         Self {
-            session: Session::new(&recipe, &station, plan.views()),
-            backlog: Backlog::new(&recipe, &station, plan.views(), header.seed),
+            session: Session::new(recipe, station, plan.views()),
+            backlog: Backlog::new(recipe, station, plan.views(), header.seed),
             header,
             plan,
-            recipe,
-            station,
             begun: false,
             over: false,
             outputs: VecDeque::new(),
@@ -166,8 +160,8 @@ impl Controller {
             Input::CameraBytes(bytes) => self.session.handle_camera_bytes(now, &bytes),
             Input::CameraClosed { reason } => self.session.handle_camera_closed(now, &reason),
             Input::Operator(command) => self.handle_command(now, command),
-            Input::JobDone { job_id, output, times } => {
-                if let Some(text) = self.backlog.handle_done(now, job_id, output, times) {
+            Input::JobDone { job_id, done } => {
+                if let Some(text) = self.backlog.handle_done(now, job_id, done) {
                     self.session.fault(now, Fault::new(FaultCode::JobPanicked, text));
                 }
             }
@@ -213,8 +207,8 @@ impl Controller {
         }
         self.begun = true;
         self.outputs.push_back(Output::Event(Event::Started {
-            recipe: self.recipe.name.clone(),
-            station: self.station.name.clone(),
+            recipe: self.header.recipe.clone(),
+            station: self.header.station.clone(),
             view_count: self.plan.views().len(),
         }));
         self.session.begin(now);
@@ -279,19 +273,8 @@ impl Controller {
 
     fn take_backlog_outputs(&mut self) -> bool {
         let before = self.outputs.len();
-        while let Some(event) = self.backlog.poll_event() {
-            self.outputs.push_back(match event {
-                BacklogEvent::Job { job_id, job } => Output::Job { job_id, job },
-                BacklogEvent::Event(event) => Output::Event(event),
-                BacklogEvent::ViewCloud { view_index, cloud } => Output::ViewCloud { view_index, cloud },
-                BacklogEvent::ViewPose {
-                    view_index,
-                    model_from_view,
-                } => Output::ViewPose {
-                    view_index,
-                    model_from_view,
-                },
-            });
+        while let Some(output) = self.backlog.poll_output() {
+            self.outputs.push_back(output);
         }
         self.outputs.len() > before
     }

@@ -8,18 +8,15 @@ use crate::stamp::Stamp;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-/// An input as the recording has it. All but a finished job can be fed back as it is; of a job only the digest is
-/// kept, since replay runs it again.
+/// An input as the recording has it. All but a finished job can be fed back as it is; a job is run again.
 #[derive(Debug, Clone)]
 pub enum InputMemo {
     /// The input itself.
     Whole(Input),
-    /// A job ended with an output of this digest.
+    /// A job ended; the record holds the digest of what came of it.
     JobDone {
         /// Which job.
         job_id: u32,
-        /// Digest of its output.
-        digest: String,
         /// How long its stages took.
         times: Vec<StageTime>,
     },
@@ -69,10 +66,10 @@ fn written(input: &Input) -> Written {
         Input::CameraConnected => Written::CameraConnected,
         Input::CameraClosed { reason } => Written::CameraClosed { reason: reason.clone() },
         Input::Operator(command) => Written::Operator { command: *command },
-        Input::JobDone { job_id, output, times } => Written::JobDone {
+        Input::JobDone { job_id, done } => Written::JobDone {
             job_id: *job_id,
-            digest: output.digest(),
-            times: times.clone(),
+            digest: done.digest.clone(),
+            times: done.times.clone(),
         },
         Input::JournalFailed { reason } => Written::JournalFailed { reason: reason.clone() },
         Input::RobotDatagram(_) | Input::CameraBytes(_) => unreachable!("bytes have topics of their own"),
@@ -93,9 +90,7 @@ pub fn read_input(record: &Record) -> Option<InputMemo> {
             Written::CameraClosed { reason } => Input::CameraClosed { reason },
             Written::Operator { command } => Input::Operator(command),
             Written::JournalFailed { reason } => Input::JournalFailed { reason },
-            Written::JobDone { job_id, digest, times } => {
-                return Some(InputMemo::JobDone { job_id, digest, times });
-            }
+            Written::JobDone { job_id, times, .. } => return Some(InputMemo::JobDone { job_id, times }),
         },
         _ => return None,
     };

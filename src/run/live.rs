@@ -196,9 +196,9 @@ impl Shell<'_> {
             }
             Output::Job { job_id, job } => {
                 let finished = self.finished.clone();
-                self.live.pool.start(job, move |output, times| {
+                self.live.pool.start(job, move |done| {
                     // After the end of the run nobody waits for it.
-                    finished.send(Input::JobDone { job_id, output, times }).ok();
+                    finished.send(Input::JobDone { job_id, done }).ok();
                 });
             }
             Output::Event(event) => self.live.console.show(&event),

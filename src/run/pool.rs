@@ -1,6 +1,6 @@
 //! The pool that runs jobs, and the watch that times them.
 
-use crate::job::{Job, JobOutput, StageTime};
+use crate::job::{FinishedJob, Job, JobOutput, StageTime};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::Instant;
@@ -25,21 +25,18 @@ impl Pool {
     }
 
     /// Starts a job and calls `done` with what came of it, on a thread of the pool.
-    pub fn start(&self, job: Arc<Job>, done: impl FnOnce(JobOutput, Vec<StageTime>) + Send + 'static) {
-        self.threads.spawn(move || {
-            let (output, times) = timed(&job);
-            done(output, times);
-        });
+    pub fn start(&self, job: Arc<Job>, done: impl FnOnce(FinishedJob) + Send + 'static) {
+        self.threads.spawn(move || done(finish(&job)));
     }
 
     /// Runs a job and waits for it.
-    pub fn run(&self, job: &Job) -> JobOutput {
-        self.threads.install(|| timed(job).0)
+    pub fn run(&self, job: &Job) -> FinishedJob {
+        self.threads.install(|| finish(job))
     }
 }
 
 /// Runs a job, times its stages and turns a panic into an output.
-fn timed(job: &Job) -> (JobOutput, Vec<StageTime>) {
+fn finish(job: &Job) -> FinishedJob {
     let mut times = Vec::new();
     let mut last = Instant::now();
     let mut on_stage = |name: &str| {
@@ -61,5 +58,9 @@ fn timed(job: &Job) -> (JobOutput, Vec<StageTime>) {
             text: format!("{} of view {}: {text}", job.name(), job.view_index()),
         }
     });
-    (output, times)
+    FinishedJob {
+        digest: output.digest(),
+        output,
+        times,
+    }
 }
