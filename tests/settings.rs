@@ -9,10 +9,10 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 use std::path::{Path, PathBuf};
 
 use bladescan::plan::Plan;
+use bladescan::reconstruction::OverlapMin;
 use bladescan::seed::Seed;
 use bladescan::settings::{
-    Cad, HostPort, Key, Need, Optics, OverlapMin, RECIPE_KEYS, Recipe, Roi, STATION_KEYS, SettingsError, Start,
-    Station, Target,
+    Cad, HostPort, Key, Need, Optics, RECIPE_KEYS, Recipe, Roi, STATION_KEYS, SettingsError, Start, Station, Target,
 };
 use miette::{GraphicalReportHandler, GraphicalTheme};
 use nalgebra::{Point3, Vector3};

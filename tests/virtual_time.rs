@@ -1,7 +1,7 @@
 //! Whole runs on virtual time: the controller and the simulated cell exchange bytes without a socket, a thread or a sleep.
 
 use bladescan::camera::CameraOutput;
-use bladescan::controller::{Command, Controller, Header, Input, Output, ViewOutcome};
+use bladescan::controller::{Command, Controller, Header, Input, Output, ViewRecord};
 use bladescan::event::{Ending, Event, HoldBy};
 use bladescan::job::{FinishedJob, sha256};
 use bladescan::journal::{Recording, Writer, input_record, output_records};
@@ -243,12 +243,8 @@ impl Pair {
     }
 
     fn merged_count(&self) -> usize {
-        let merged = |outcome: &ViewOutcome| *outcome == ViewOutcome::Merged;
-        self.controller
-            .views()
-            .iter()
-            .filter(|view| merged(&view.outcome))
-            .count()
+        let merged = |view: &&ViewRecord| view.model_from_view().is_some();
+        self.controller.views().iter().filter(merged).count()
     }
 
     fn fault_name(ending: &Ending) -> &'static str {

@@ -9,7 +9,7 @@ use crate::reconstruction::{Decision, DiscardReason, Model, OverlapMin, PriorLim
 use crate::registration::{self, Search};
 use crate::seed::Seed;
 use crate::session::Captured;
-use crate::settings::{self, Recipe, Start, Station};
+use crate::settings::{Recipe, Start, Station};
 use crate::stamp::Stamp;
 use nalgebra::Isometry3;
 use std::collections::VecDeque;
@@ -22,8 +22,6 @@ pub struct ViewRecord {
     pub outcome: ViewOutcome,
     /// The attempt whose frame was used, from 0.
     pub attempt: u16,
-    /// Where the view lies in the model; `None` unless merged.
-    pub model_from_view: Option<Isometry3<f64>>,
     /// Points of its cloud.
     pub point_count: usize,
     /// Figures of its registration.
@@ -35,10 +33,13 @@ pub struct ViewRecord {
 }
 
 /// Merged, discarded or missing.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum ViewOutcome {
     /// It is part of the model.
-    Merged,
+    Merged {
+        /// Where it lies there, mm.
+        model_from_view: Isometry3<f64>,
+    },
     /// It was registered but is not part of the model.
     Discarded {
         /// Why.
@@ -60,7 +61,6 @@ pub(super) struct Backlog {
     base_from_camera: Isometry3<f64>,
     /// The arm's pose at view 0: as reported, or as planned while it has not been taken.
     base_from_tool_0: Isometry3<f64>,
-    last_merged: Option<Isometry3<f64>>,
     seed: Seed,
     model: Arc<Model>,
     views: Vec<ViewRecord>,
@@ -79,6 +79,16 @@ struct Waiting {
     cloud: Option<Arc<PointCloud>>,
 }
 
+impl ViewRecord {
+    /// Where the view lies in the model; `None` unless merged.
+    pub fn model_from_view(&self) -> Option<&Isometry3<f64>> {
+        match &self.outcome {
+            ViewOutcome::Merged { model_from_view } => Some(model_from_view),
+            ViewOutcome::Discarded { .. } | ViewOutcome::Missing { .. } => None,
+        }
+    }
+}
+
 impl Backlog {
     pub(super) fn new(recipe: &Recipe, station: &Station, plan: &[PlannedView], seed: Seed) -> Self {
         let untaken = ViewRecord {
@@ -86,7 +96,6 @@ impl Backlog {
                 reason: "not taken".into(),
             },
             attempt: 0,
-            model_from_view: None,
             point_count: 0,
             figures: ViewFigures::default(),
             times: Vec::new(),
@@ -100,7 +109,6 @@ impl Backlog {
             base_from_tool_0: plan
                 .first()
                 .map_or_else(Isometry3::identity, |view| view.base_from_tool),
-            last_merged: None,
             seed,
             model: Arc::new(Model::default()),
             views: vec![untaken; plan.len()],
@@ -233,8 +241,10 @@ impl Backlog {
     /// `model_from_view` as predicted: the model's frame is the camera frame at view 0.
     fn start_of(&self, waiting: &Waiting) -> Isometry3<f64> {
         let by_robot = camera_relative(&self.base_from_camera, &self.base_from_tool_0, &waiting.base_from_tool);
-        match (self.start, self.last_merged) {
-            (Start::Previous, Some(previous)) => previous,
+        // Views merge in index order, so the last one merged has the highest index.
+        let last_merged = self.views.iter().rev().find_map(ViewRecord::model_from_view);
+        match (self.start, last_merged) {
+            (Start::Previous, Some(previous)) => *previous,
             (Start::Previous | Start::Robot, _) => by_robot,
         }
     }
@@ -246,12 +256,11 @@ impl Backlog {
         match found.decision {
             Decision::Merge => {
                 self.model = model.expect("a merged view comes with its model");
-                self.last_merged = Some(found.model_from_view);
-                view.outcome = ViewOutcome::Merged;
-                view.model_from_view = Some(found.model_from_view);
+                let model_from_view = found.model_from_view;
+                view.outcome = ViewOutcome::Merged { model_from_view };
                 self.outputs.push_back(Output::ViewPose {
                     view_index,
-                    model_from_view: found.model_from_view,
+                    model_from_view,
                 });
                 self.outputs.push_back(Output::Event(Event::ViewMerged {
                     view_index,
@@ -327,10 +336,7 @@ fn view_settings(recipe: &Recipe) -> ViewSettings {
             },
             ..registration::Settings::default()
         },
-        overlap_min: match recipe.merge.overlap_min {
-            settings::OverlapMin::Fraction(fraction) => OverlapMin::Fraction(fraction),
-            settings::OverlapMin::Count(count) => OverlapMin::Count(count as usize),
-        },
+        overlap_min: recipe.merge.overlap_min,
         prior_limits: by_robot.then_some(PriorLimits {
             rotation_max_rad: wanted.prior_rotation_max_rad,
             translation_max_distance: wanted.prior_translation_max_mm,

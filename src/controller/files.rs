@@ -71,7 +71,7 @@ fn poses(views: &[ViewRecord]) -> Value {
             json!({
                 "index": index,
                 "attempt": view.attempt,
-                "model_from_view": view.model_from_view.as_ref().map(matrix_rows),
+                "model_from_view": view.model_from_view().map(matrix_rows),
                 "status": status,
                 "reason": reason,
             })
@@ -136,7 +136,7 @@ fn summary_entry(index: usize, view: &ViewRecord) -> Value {
 
 fn status(outcome: &ViewOutcome) -> (&'static str, Option<&str>) {
     match outcome {
-        ViewOutcome::Merged => ("merged", None),
+        ViewOutcome::Merged { .. } => ("merged", None),
         ViewOutcome::Discarded { reason } => ("discarded", Some(reason)),
         ViewOutcome::Missing { reason } => ("missing", Some(reason)),
     }

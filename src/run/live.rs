@@ -247,7 +247,7 @@ impl Shell<'_> {
         let merged_count = controller
             .views()
             .iter()
-            .filter(|view| view.model_from_view.is_some())
+            .filter(|view| view.model_from_view().is_some())
             .count();
         let planned_count = controller.views().len();
         let merged_min_count = controller.merged_min_count();

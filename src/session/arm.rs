@@ -44,11 +44,8 @@ pub struct ArmSettings {
 pub enum ArmEvent {
     /// Who answered, once, before anything is switched on.
     Identity(SystemInformation),
-    /// Ready for moves, standing there.
-    Ready {
-        /// Where the controller says it stands.
-        base_from_tool: Isometry3<f64>,
-    },
+    /// Ready for moves.
+    Ready,
     /// Standing at the commanded pose.
     Arrived {
         /// Where the controller says it stands.
@@ -422,7 +419,7 @@ impl Arm {
                 self.last_pose = Some(base_from_tool);
                 self.state = State::Standing;
                 self.timer = Some(now.plus_ms(IDLE_POLL_MS));
-                self.events.push_back(ArmEvent::Ready { base_from_tool });
+                self.events.push_back(ArmEvent::Ready);
             }
             State::Travelling(travel) => {
                 let away_mm = (base_from_tool.translation.vector - travel.target.translation.vector).norm();
@@ -446,17 +443,14 @@ impl Arm {
                     travel.accepted_at = now;
                     let said = travel.said;
                     self.exchange.say(now, Command::Move(said));
-                } else if right_tool {
-                    let seen = format!(
-                        "it stands {away_mm:.3} mm and {:.4}° from the target",
-                        away_rad.to_degrees()
-                    );
-                    self.fault(FaultCode::RobotElsewhere, seen);
                 } else {
-                    let seen = format!(
-                        "the position is given for tool {} instead of {}",
-                        position.tool, settings.tool
-                    );
+                    let seen = if right_tool {
+                        let away_deg = away_rad.to_degrees();
+                        format!("it stands {away_mm:.3} mm and {away_deg:.4}° from the target")
+                    } else {
+                        let (found, wanted) = (position.tool, settings.tool);
+                        format!("the position is given for tool {found} instead of {wanted}")
+                    };
                     self.fault(FaultCode::RobotElsewhere, seen);
                 }
             }

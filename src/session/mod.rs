@@ -337,7 +337,7 @@ impl Session {
     fn handle_arm_event(&mut self, now: Stamp, event: ArmEvent) {
         match event {
             ArmEvent::Identity(system) => self.handle_identity(now, &system),
-            ArmEvent::Ready { .. } => {
+            ArmEvent::Ready => {
                 if self.hold == Hold::Resuming {
                     self.hold = Hold::No;
                     // Somebody may have moved the arm by hand meanwhile.

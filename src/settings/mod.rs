@@ -15,7 +15,7 @@ mod written;
 pub use error::SettingsError;
 pub use keys::{Key, Kind, Need, RECIPE_KEYS, Range, STATION_KEYS};
 pub use recipe::{
-    Cad, CameraSettings, Compression, Merge, Optics, OutlierFilter, OverlapMin, Recipe, Registration, Roi, Start,
-    Views, WorkingVolume,
+    Cad, CameraSettings, Compression, Merge, Optics, OutlierFilter, Recipe, Registration, Roi, Start, Views,
+    WorkingVolume,
 };
 pub use station::{CameraLink, HostPort, RobotLink, Station, Target, Workspace};

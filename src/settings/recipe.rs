@@ -12,6 +12,7 @@ use super::keys::RECIPE_KEYS;
 use super::source::Source;
 use super::station::name_is_plain;
 use super::written::{CameraFile, MergeFile, RecipeFile, RegistrationFile, ViewsFile};
+use crate::reconstruction::OverlapMin;
 
 /// What is measured, and how: one file per blade type.
 #[derive(Debug, Clone, PartialEq)]
@@ -211,19 +212,10 @@ pub enum Start {
 /// When and how a view joins the model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Merge {
-    /// The least overlap with the model, the paper's tau_0.
+    /// The least overlap with the model, the paper's tau_0: a share of 0.01 to 1 or 1 to 1,555,200 points.
     pub overlap_min: OverlapMin,
     /// Points nearer than this become one, 0.001 to 10 mm.
     pub coincident_distance_mm: f64,
-}
-
-/// The least overlap of a view with the model.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum OverlapMin {
-    /// As a share of the view's points, 0.01 to 1.
-    Fraction(f64),
-    /// In points, 1 to 1,555,200.
-    Count(u32),
 }
 
 impl Recipe {
@@ -369,7 +361,7 @@ fn merge(source: &Source, written: &MergeFile, registration: &Registration) -> R
     let help = || Some("give either `overlap_min_fraction` (0.01 to 1) or `overlap_min_count` (points)".to_owned());
     let overlap_min = match (&written.overlap_min_fraction, &written.overlap_min_count) {
         (Some(fraction), None) => OverlapMin::Fraction(*fraction.get_ref()),
-        (None, Some(count)) => OverlapMin::Count(*count.get_ref()),
+        (None, Some(count)) => OverlapMin::Count(*count.get_ref() as usize),
         (Some(fraction), Some(count)) => {
             let second = if fraction.span().start < count.span().start {
                 count.span()

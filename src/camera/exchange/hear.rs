@@ -1,6 +1,6 @@
 //! What follows from each message of the camera.
 
-use super::report::{CameraEvent, CameraOutput, Opened, Trouble};
+use super::report::{CameraEvent, Opened, Trouble};
 use super::{EXPOSURE_EXTRA_MS, Exchange, Flight, Opening, Phase, Stage, TRANSFER_BYTES_PER_MS};
 use crate::camera::capture::{Assembly, FrameError};
 use crate::camera::message::{CameraError, ClientMessage, FrameEnd, ServerMessage, TRIGGER_ALL, TriggerId, TriggerOk};
@@ -30,7 +30,7 @@ impl Exchange {
             }
             ServerMessage::Configured(configured) if self.opening(Opening::Configure, request_id) => {
                 if let Some(difference) = difference(&self.wanted, &configured.settings) {
-                    return self.lose(Trouble::Echo(difference));
+                    return self.break_off(Trouble::Echo(difference));
                 }
                 self.configured = Some(configured);
                 self.request(now, Opening::Arm);
@@ -89,8 +89,7 @@ impl Exchange {
             ServerMessage::Error(error) => self.handle_error(request_id, error),
             ServerMessage::Bye { reason, text } => {
                 if !matches!(self.stage, Stage::Leaving { .. }) {
-                    self.outbox.push_back(CameraOutput::Close);
-                    self.lose(Trouble::Closed(format!(
+                    self.break_off(Trouble::Closed(format!(
                         "the camera said goodbye (reason {reason}): {text}"
                     )));
                 }
@@ -192,7 +191,7 @@ impl Exchange {
 
     fn handle_error(&mut self, request_id: u32, error: CameraError) {
         match &self.stage {
-            Stage::Opening { request_id: open, .. } if *open == request_id => self.lose(Trouble::Refused(error)),
+            Stage::Opening { request_id: open, .. } if *open == request_id => self.break_off(Trouble::Refused(error)),
             Stage::InFlight(flight) if flight.trigger_id.0 == error.trigger_id || flight.request_id == request_id => {
                 let trigger_id = flight.trigger_id;
                 self.stage = Stage::Armed;

@@ -168,11 +168,6 @@ impl Exchange {
         matches!(self.stage, Stage::Armed)
     }
 
-    /// Whether an acquisition is under way.
-    pub fn is_in_flight(&self) -> bool {
-        matches!(self.stage, Stage::InFlight(_) | Stage::Aborting { .. })
-    }
-
     /// Whether the connection is over.
     pub fn is_over(&self) -> bool {
         matches!(self.stage, Stage::Apart | Stage::Over)
@@ -196,7 +191,7 @@ impl Exchange {
                 self.stage = Stage::Over;
                 self.events.push_back(CameraEvent::Left);
             }
-            Stage::Connecting { .. } => self.lose(Trouble::Unreachable(reason.to_owned())),
+            Stage::Connecting { .. } => self.break_off(Trouble::Unreachable(reason.to_owned())),
             _ => self.lose(Trouble::Closed(reason.to_owned())),
         }
     }
@@ -226,18 +221,18 @@ impl Exchange {
             Stage::Apart | Stage::Over => return,
             Stage::Connecting { due } if *due <= now => {
                 let seconds = self.times.connect_timeout_ms as f64 * 1e-3;
-                return self.lose(Trouble::Unreachable(format!("no connection within {seconds} s")));
+                return self.break_off(Trouble::Unreachable(format!("no connection within {seconds} s")));
             }
             Stage::Opening { request, due, .. } if *due <= now => {
                 let reason = format!("no reply to {request:?} within {} ms", self.times.reply_timeout_ms);
-                return self.lose(Trouble::Silent(reason));
+                return self.break_off(Trouble::Silent(reason));
             }
             Stage::InFlight(flight) if flight.due <= now => {
                 let (trigger_id, reason) = (flight.trigger_id, flight.phase.late());
                 self.abort(now, trigger_id, reason.to_owned(), true);
             }
             Stage::Aborting { due, .. } if *due <= now => {
-                return self.lose(Trouble::Silent("no reply to ABORT".into()));
+                return self.break_off(Trouble::Silent("no reply to ABORT".into()));
             }
             Stage::Leaving { due } if *due <= now => {
                 self.stage = Stage::Over;
@@ -251,7 +246,7 @@ impl Exchange {
         }
         if now >= self.last_heard.plus_ms(self.times.dead_after_ms) {
             let reason = format!("nothing heard for {} ms", self.times.dead_after_ms);
-            return self.lose(Trouble::Silent(reason));
+            return self.break_off(Trouble::Silent(reason));
         }
         if now >= self.ping_due {
             self.say(ClientMessage::Ping { sender_ns: now.ns });
@@ -329,14 +324,17 @@ impl Exchange {
             reason: 3,
             text: text.clone(),
         });
-        self.outbox.push_back(CameraOutput::Close);
-        self.lose(Trouble::Protocol(text));
+        self.break_off(Trouble::Protocol(text));
     }
 
+    /// Closes the connection, which is of no use any more.
+    fn break_off(&mut self, trouble: Trouble) {
+        self.outbox.push_back(CameraOutput::Close);
+        self.lose(trouble);
+    }
+
+    /// The connection is over.
     fn lose(&mut self, trouble: Trouble) {
-        if !matches!(trouble, Trouble::Closed(_) | Trouble::Protocol(_)) {
-            self.outbox.push_back(CameraOutput::Close);
-        }
         self.stage = Stage::Over;
         self.events.push_back(CameraEvent::Lost(trouble));
     }
