@@ -3,9 +3,10 @@
 use bladescan::camera::CameraOutput;
 use bladescan::controller::{Command, Controller, Header, Input, Output, ViewRecord};
 use bladescan::event::{Ending, Event, HoldBy};
-use bladescan::job::{FinishedJob, sha256};
+use bladescan::job::{FinishedJob, JobOutput, sha256};
 use bladescan::journal::{Recording, Writer, input_record, output_records};
 use bladescan::plan::Plan;
+use bladescan::robot;
 use bladescan::run::{Pool, replay};
 use bladescan::seed::Seed;
 use bladescan::settings::{Recipe, Station};
@@ -66,6 +67,10 @@ struct Pair {
     events: Vec<(u64, Event)>,
     /// Moves that the simulated robot accepted.
     accepted_move_count: usize,
+    /// Times the controller switched servo power off.
+    servo_off_count: usize,
+    /// The job of this name and view panics.
+    panicking_job: Option<(&'static str, usize)>,
     files: BTreeMap<&'static str, Vec<u8>>,
 }
 
@@ -108,6 +113,8 @@ impl Pair {
             journal,
             events: Vec::new(),
             accepted_move_count: 0,
+            servo_off_count: 0,
+            panicking_job: None,
             files: BTreeMap::new(),
         }
     }
@@ -176,6 +183,8 @@ impl Pair {
             }
             match output {
                 Output::Robot(datagram) => {
+                    self.servo_off_count +=
+                        usize::from(datagram.bytes == SERVO_OFF.request(datagram.bytes[11]).encode());
                     if !self.is_lost() {
                         self.send(LATENCY_NS, Delivery::ToRobot(datagram.bytes));
                     }
@@ -184,10 +193,13 @@ impl Pair {
                 Output::Camera(CameraOutput::Bytes { bytes, .. }) => self.send(LATENCY_NS, Delivery::ToCamera(bytes)),
                 Output::Camera(CameraOutput::Close) => self.send(LATENCY_NS, Delivery::CameraClose),
                 Output::Job { job_id, job } => {
-                    let done = FinishedJob {
+                    let mut done = FinishedJob {
                         times: Vec::new(),
                         ..self.pool.run(&job)
                     };
+                    if self.panicking_job == Some((job.name(), job.view_index())) {
+                        done.output = JobOutput::Panicked { text: "a bug".into() };
+                    }
                     self.send(JOB_NS, Delivery::ToController(Input::JobDone { job_id, done }));
                 }
                 Output::Event(event) => {
@@ -263,6 +275,7 @@ impl Pair {
     }
 }
 
+const SERVO_OFF: robot::Command = robot::Command::ServoOff;
 const START_UNIX_NS: u64 = 1_767_225_600_000_000_000;
 const LATENCY_NS: u64 = 200_000;
 const JOB_NS: u64 = 300_000_000;
@@ -318,6 +331,7 @@ fn lost_datagrams_never_move_the_arm_twice_for_one_view() {
         );
         if ending == Ending::Finished {
             assert_eq!((pair.merged_count(), pair.accepted_move_count), (2, 2), "seed {seed}");
+            assert!(pair.servo_off_count > 0, "seed {seed}: servo power stays on");
         }
         pair.replay();
     }
@@ -441,6 +455,15 @@ fn every_fault_of_the_cell_ends_in_its_name_or_is_overcome() {
         assert!(pair.files.contains_key("summary.json"), "{fault}");
         pair.replay();
     }
+}
+
+#[test]
+fn a_fault_in_the_last_registration_is_how_the_run_ends_though_all_was_taken() {
+    let mut pair = Pair::new(2, &[], 0.0, 1);
+    pair.panicking_job = Some(("register", 1));
+    let ending = pair.drive(|_| None);
+    assert_eq!(Pair::fault_name(&ending), "job-panicked");
+    assert_eq!(pair.merged_count(), 1);
 }
 
 #[test]

@@ -7,7 +7,7 @@ use super::pool::Pool;
 use crate::camera::CameraOutput;
 use crate::controller::{Command, Controller, Input, Output};
 use crate::event::Ending;
-use crate::journal::{input_record, output_records};
+use crate::journal::{Record, input_record, output_records};
 use crate::robot::Kind;
 use crate::stamp::Stamp;
 use std::fs::OpenOptions;
@@ -160,17 +160,22 @@ impl Shell<'_> {
     /// One input: recorded, handled, and everything that follows from it done.
     async fn handle(&mut self, input: Input) {
         let now = self.now();
-        if let Err(error) = self.live.journal.record(input_record(now, &input)) {
-            self.fail_journal(now, &error);
-        }
+        self.record(now, input_record(now, &input));
         self.live.controller.handle_input(now, input);
         while let Some(output) = self.live.controller.poll_output() {
             for record in output_records(now, &output, self.live.start_unix_ns) {
-                if let Err(error) = self.live.journal.record(record) {
-                    self.fail_journal(now, &error);
-                }
+                self.record(now, record);
             }
             self.carry_out(now, output).await;
+        }
+    }
+
+    /// After the first failure nothing more is recorded: a recording has an end, never a gap.
+    fn record(&mut self, now: Stamp, record: Record) {
+        if !self.journal_failed
+            && let Err(error) = self.live.journal.record(record)
+        {
+            self.fail_journal(now, &error);
         }
     }
 

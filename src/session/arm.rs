@@ -301,7 +301,6 @@ impl Arm {
             }
             (Command::ServoOff, Reply::Done) => self.finish_parking(),
             (Command::ServoOn, Reply::Done) => {
-                self.servo_is_ours = true;
                 if let State::Readying(readying) = &mut self.state {
                     readying.servo_asked = true;
                 }
@@ -366,6 +365,8 @@ impl Arm {
                     act_count: readying.act_count + 1,
                     ..readying
                 });
+                // Ours from the asking on: the answer may get lost.
+                self.servo_is_ours |= act == Command::ServoOn;
                 self.exchange.say(now, act);
             }
             None => self.poll_later(now),

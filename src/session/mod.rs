@@ -366,15 +366,11 @@ impl Session {
                 self.emit(Event::Held);
             }
             ArmEvent::Parked => self.arm_done = true,
-            ArmEvent::Fault(fault) if self.ending.is_some() => {
-                self.emit(Event::Faulted { fault });
-                self.park(now);
-            }
             ArmEvent::Fault(fault) => {
-                // The arm has given up on the operator's hold: no confirmation of it will come that could end the run.
-                let hold_failed = self.hold == Hold::Asked;
+                // While the arm is being held or let go, no confirmation will come any more that could end the run.
+                let letting_go = self.ending.is_some() || self.hold == Hold::Asked;
                 self.fault(now, fault);
-                if hold_failed {
+                if letting_go {
                     self.park(now);
                 }
             }
@@ -415,9 +411,15 @@ impl Session {
         }
     }
 
+    /// Lets both devices go. The first ending counts, but no fault is lost in a run that had only to be wound up.
     fn end(&mut self, now: Stamp, ending: Ending) {
-        if self.ending.is_some() {
-            return;
+        match (&self.ending, &ending) {
+            (None, _) => {}
+            (Some(Ending::Finished), Ending::Faulted { .. }) => {
+                self.ending = Some(ending);
+                return;
+            }
+            (Some(_), _) => return,
         }
         let finished = ending == Ending::Finished;
         self.ending = Some(ending);
