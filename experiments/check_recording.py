@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Opens a recording with Python's mcap and the published Foxglove schemas, and says what is in it.
 
-    check_recording.py RUN.mcap        needs: pip install mcap mcap-protobuf-support foxglove-schemas-protobuf
+    check_recording.py RUN.mcap        needs: pip install mcap foxglove-schemas-protobuf
 
 Fails when a protobuf payload is not byte-equal after being read and written by the published message class.
 """

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Runs `bladescan register` on case folders and scores the answers with the cases' own scorer.
 
-    register_cases.py ROOT LEVEL SCORER     for example  ../shared/cases/mv/model2 10 ../shared/cases/score.py
+    register_cases.py ROOT LEVEL SCORER     for example  cases/model2 10 cases/score.py
 
 A case folder has source.ply, target.ply, gt.txt and meta.txt; a source or target may be a small file that holds the
 relative path of the real one. Needs numpy (the scorer does).

@@ -40,6 +40,8 @@ const FORBIDDEN_BELOW_4: &[&str] = &[
     "std::fs",
     "std::process",
     "std::env",
+    "std::thread",
+    "std::io::std",
     "Instant",
     "SystemTime",
     "thread_rng",

@@ -213,7 +213,7 @@ fn view(arguments: &BenchArguments, out: &mut impl Write) -> std::io::Result<()>
     let reference = reference.map_err(std::io::Error::other)?;
     writeln!(
         out,
-        "  {:<10} {:>7.1}  (during the robot's move)",
+        "  {:<10} {:>7.1}  (in the next view's job, not in the total)",
         "reference",
         reference_s * 1e3
     )?;
