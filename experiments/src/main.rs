@@ -2,6 +2,7 @@
 
 mod bench;
 mod cases;
+mod generate;
 mod golden;
 mod model;
 mod pairs;
@@ -22,6 +23,8 @@ enum Command {
     Pairs(pairs::PairsArguments),
     /// Registers the views of a folder one after the other to the growing model.
     Model(model::ModelArguments),
+    /// Writes case folders with known truth, of the kinds that registration is judged by.
+    Generate(generate::GenerateArguments),
     /// Checks client and simulated controller against golden HSES frames.
     Golden(golden::GoldenArguments),
     /// Prints one table of the registration's speed: kernels, full-sample MPE, one view by stage.
@@ -34,6 +37,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     match Arguments::parse().command {
         Command::Pairs(arguments) => pairs::run(&arguments),
         Command::Model(arguments) => model::run(&arguments),
+        Command::Generate(arguments) => generate::run(&arguments),
         Command::Golden(arguments) => golden::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
         Command::Speed => speed::run(),
