@@ -184,8 +184,8 @@ pub struct Stage {
 ///
 /// `seed_stream` draws the samples; the same stream gives the same bits, whatever the number of threads. `on_stage` is
 /// called when each stage ends, so that a caller with a clock can time it. Template normals are used if there are any
-/// (they must face the sensor, like the reference's) and estimated otherwise. A template of fewer than
-/// [`POINT_MIN_COUNT`] points gives `Failed`.
+/// (they must face the sensor, like the reference's) and estimated otherwise. A template that as a reference would be
+/// refused (too few points, all in one place), and a start that is not finite, give `Failed`.
 pub fn register(
     template: &PointCloud,
     reference: &Reference,
@@ -200,7 +200,7 @@ pub fn register(
 /// Registers two clouds with nothing known about the motion between them: from the identity, seed 1.
 ///
 /// # Errors
-/// When a cloud has too few points to register.
+/// When a cloud has too few points to register, no extent, or coordinates that cannot be computed with.
 ///
 /// ```
 /// use bladescan::geometry::PointCloud;
@@ -227,12 +227,7 @@ pub fn register_pair(
     reference: &PointCloud,
     settings: &Settings,
 ) -> Result<Registration, RegisterError> {
-    if template.len() < POINT_MIN_COUNT {
-        return Err(RegisterError::TooFewPoints {
-            count: template.len(),
-            needed: POINT_MIN_COUNT,
-        });
-    }
+    reference::centroid_and_radius(template)?;
     let settings = Settings {
         weak_directions: WeakDirections::Report,
         ..settings.clone()
