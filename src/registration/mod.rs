@@ -16,6 +16,7 @@ mod consistency;
 mod facing;
 mod nfi;
 mod normal_matrix;
+mod prior;
 mod reference;
 mod search;
 #[cfg(test)]
@@ -108,12 +109,24 @@ pub enum FineStage {
 }
 
 /// What is done about directions that the surfaces do not determine (a smooth airfoil along its span).
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum WeakDirections {
     /// Found, reported, and held at the start's value: for a start that is a measurement, such as a robot's pose.
     Hold,
     /// Found and reported; the motion along them is what the data happened to give.
     Report,
+    /// Found, reported, and settled between surfaces and start: the answer is the mean of both, in every direction,
+    /// weighed by their certainties. For a start whose own standard deviations are known.
+    Weigh(StartSigma),
+}
+
+/// How well the start is known, one standard deviation each; finite, and not negative.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StartSigma {
+    /// Of a turn about each axis through the template's centroid.
+    pub turn_rad: f64,
+    /// Of a shift of the template's centroid along each axis, in the clouds' unit.
+    pub shift: f64,
 }
 
 /// The outcome of one registration. A poor one is a value, not an error.
@@ -129,10 +142,10 @@ pub struct Registration {
     /// the nearest reference point), in the clouds' unit; 0 when nothing overlaps.
     pub rmse: f64,
     /// Covariance of `[rx ry rz tx ty tz]`: a small rotation (rad) about the template's centroid and a translation
-    /// (clouds' unit), both in the reference frame. From the residuals, taken as independent; `None` when the fine stage
-    /// could not be solved.
+    /// (clouds' unit), both in the reference frame. From the residuals, taken as independent, and from the start's
+    /// certainty where that is weighed; `None` when the fine stage could not be solved.
     pub covariance: Option<Matrix6<f64>>,
-    /// The directions that the surfaces do not determine, weakest first.
+    /// The directions that the surfaces alone do not determine, weakest first.
     pub weak_directions: Vec<WeakDirection>,
     /// The stages, in the order in which they ended.
     pub stages: Vec<Stage>,

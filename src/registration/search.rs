@@ -106,6 +106,7 @@ pub(super) fn run(
     let fine = if noisy {
         candidates.extend(refined.iter().map(|candidate| candidate.pose));
         work.fine_of_noisy(&fine_sample, &candidates, &mut rng)
+            .map(|(fine, ambiguous)| (fine.weighed(&work.problem, start, settings.weak_directions), ambiguous))
     } else {
         let pose = &refined[chosen].pose;
         finish(

@@ -149,3 +149,66 @@ fn two_walls_that_fit_the_wrong_way_round_are_not_called_converged() {
     let found = run(&upper, &lower, &Isometry3::identity(), &Settings::default());
     assert_ne!(found.status, Status::Converged, "{found:?}");
 }
+
+#[test]
+fn a_start_of_known_certainty_holds_a_weak_direction_softly_and_yields_in_the_others() {
+    let truth = Isometry3::new(Vector3::new(0.01, 0.012, -0.05), Vector3::new(0.0, 0.0, 0.03));
+    let reference = noisy(&extruded(8000, 0.5).transformed(&truth), 0.002, 1);
+    let template = noisy(&extruded(6000, 0.0), 0.002, 2);
+    let start = Isometry3::translation(0.0, 0.0, 0.02);
+    let with = |weak_directions| {
+        let settings = Settings {
+            weak_directions,
+            ..Settings::default()
+        };
+        run(&template, &reference, &start, &settings)
+    };
+    let free = with(WeakDirections::Report);
+    assert_eq!(free.status, Status::Weak, "{free:?}");
+    let of_surfaces = free.weak_directions[0].sigma;
+    let z = |found: &Registration| found.reference_from_template.translation.vector.z;
+    let away = z(&free) - 0.02;
+    assert!(away.abs() > 1e-3, "the surfaces have a wish of their own: {away}");
+    for factor in [0.01, 1.0, 100.0] {
+        let found = with(WeakDirections::Weigh(StartSigma {
+            turn_rad: 0.1,
+            shift: factor * of_surfaces,
+        }));
+        let expected = 0.02 + away * factor * factor / (factor * factor + 1.0);
+        assert!(
+            (z(&found) - expected).abs() < 0.1 * away.abs(),
+            "{factor}: {} is not {expected}",
+            z(&found)
+        );
+        assert_eq!(found.status, Status::Weak);
+        let sigma = found.covariance.unwrap()[(5, 5)].sqrt();
+        let expected = of_surfaces * factor / (factor * factor + 1.0).sqrt();
+        assert!(
+            (sigma / expected - 1.0).abs() < 0.1,
+            "{factor}: {sigma} is not {expected}"
+        );
+        if factor >= 1.0 {
+            let shift = found.reference_from_template.translation.vector;
+            assert!((shift.xy() - truth.translation.vector.xy()).norm() < 2e-3, "{shift:?}");
+        }
+    }
+}
+
+#[test]
+fn among_noise_too_a_certain_start_is_kept_and_an_uncertain_one_is_not() {
+    let template = blade(1500, 0.0);
+    let reference = noisy(&template, 0.08, 3);
+    let start = Isometry3::translation(0.03, 0.0, 0.0);
+    let with = |sigma: f64| {
+        let settings = Settings {
+            weak_directions: WeakDirections::Weigh(StartSigma {
+                turn_rad: sigma,
+                shift: sigma,
+            }),
+            ..Settings::default()
+        };
+        run(&template, &reference, &start, &settings).reference_from_template
+    };
+    assert!((with(1e-6).translation.vector.x - 0.03).abs() < 1e-3);
+    assert!(with(10.0).translation.vector.norm() < 0.015, "{:?}", with(10.0));
+}
