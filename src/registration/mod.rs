@@ -210,6 +210,15 @@ pub fn register(
     search::run(template, reference, start, settings, seed_stream, on_stage)
 }
 
+/// Whether a cloud can be registered, as a template or as a reference.
+///
+/// # Errors
+/// When there are fewer than [`POINT_MIN_COUNT`] points, all of them coincide, or coordinates or extent are beyond what
+/// can be computed with.
+pub fn can_be_registered(cloud: &PointCloud) -> Result<(), RegisterError> {
+    reference::centroid_and_radius(cloud).map(|_| ())
+}
+
 /// Registers two clouds with nothing known about the motion between them: from the identity, seed 1.
 ///
 /// # Errors
@@ -240,7 +249,7 @@ pub fn register_pair(
     reference: &PointCloud,
     settings: &Settings,
 ) -> Result<Registration, RegisterError> {
-    reference::centroid_and_radius(template)?;
+    can_be_registered(template)?;
     let settings = Settings {
         weak_directions: WeakDirections::Report,
         ..settings.clone()
