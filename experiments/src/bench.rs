@@ -62,7 +62,7 @@ fn best_of<T>(repeats: u32, mut work: impl FnMut() -> T) -> (f64, T) {
 }
 
 /// A twisted blade on a platform, half height 1; the golden ratio spreads the points, `phase` shifts them.
-fn blade(count: usize, phase: f64) -> Vec<Point3<f64>> {
+pub(crate) fn blade(count: usize, phase: f64) -> Vec<Point3<f64>> {
     let golden = 0.618_033_988_749_895;
     let on_platform = count / 4;
     (0..count)

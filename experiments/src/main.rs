@@ -4,6 +4,7 @@ mod bench;
 mod cases;
 mod generate;
 mod golden;
+mod large;
 mod model;
 mod pairs;
 mod speed;
@@ -29,6 +30,8 @@ enum Command {
     Golden(golden::GoldenArguments),
     /// Prints one table of the registration's speed: kernels, full-sample MPE, one view by stage.
     Bench(bench::BenchArguments),
+    /// Registers two clouds of ten million points: time by stage and memory.
+    Large(large::LargeArguments),
     /// Times the parts that have a budget, on generated data.
     Speed,
 }
@@ -40,6 +43,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Command::Generate(arguments) => generate::run(&arguments),
         Command::Golden(arguments) => golden::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
+        Command::Large(arguments) => large::run(&arguments),
         Command::Speed => speed::run(),
     }
 }
