@@ -44,6 +44,15 @@ fn clouds(name: &str, scale: f64) -> Bench {
     bench
 }
 
+/// The same plane twice: nothing says where it is along itself.
+fn planes(name: &str) -> Bench {
+    let bench = Bench::new(name);
+    let plane: Vec<_> = surface(0..60).into_iter().map(|[x, y, _]| [x, y, 0.0]).collect();
+    bench.write("template.ply", ply(&plane, 1.0));
+    bench.write("reference.ply", ply(&plane, 1.0));
+    bench
+}
+
 fn registered(bench: &Bench) -> Value {
     let ended = bench.run(&["register", "template.ply", "reference.ply", "--json"]);
     ended.expect(0, &[]);
@@ -130,10 +139,7 @@ fn points_that_are_not_finite_are_dropped_and_counted() {
 
 #[test]
 fn a_plane_is_no_registration_and_exit_code_3() {
-    let bench = Bench::new("cli-register-plane");
-    let plane: Vec<_> = surface(0..60).into_iter().map(|[x, y, _]| [x, y, 0.0]).collect();
-    bench.write("template.ply", ply(&plane, 1.0));
-    bench.write("reference.ply", ply(&plane, 1.0));
+    let bench = planes("cli-register-plane");
     let ended = bench.run(&["register", "template.ply", "reference.ply", "--json"]);
     ended.expect(3, &[]);
     let found: Value = serde_json::from_str(&ended.stdout).unwrap();
@@ -170,7 +176,6 @@ fn a_cloud_cut_short_is_bad_input() {
         .expect(2, &["template.ply: "]);
 }
 
-/// Every text that `register` says in words is there in numbers too.
 #[test]
 fn the_text_says_status_overlap_residual_covariance_and_weak_directions() {
     let bench = clouds("cli-register-text", 1.0);
@@ -184,10 +189,7 @@ fn the_text_says_status_overlap_residual_covariance_and_weak_directions() {
     ] {
         assert!(ended.stdout.contains(said), "no `{said}` in {}", ended.stdout);
     }
-    let bench = Bench::new("cli-register-text-weak");
-    let plane: Vec<_> = surface(0..60).into_iter().map(|[x, y, _]| [x, y, 0.0]).collect();
-    bench.write("template.ply", ply(&plane, 1.0));
-    bench.write("reference.ply", ply(&plane, 1.0));
+    let bench = planes("cli-register-text-weak");
     bench.write("init.txt", "1 0 0 0  0 1 0 0  0 0 1 0  0 0 0 1");
     let ended = bench.run(&["register", "template.ply", "reference.ply", "--init", "init.txt"]);
     ended.expect(3, &[]);
