@@ -1,11 +1,6 @@
 //! What goes wrong in a cell, and that the run ends or goes on as `docs/faults.md` says.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "helpers of tests, outside the functions that clippy takes for tests"
-)]
-
-use crate::support::{Bench, CLOSED, Ended, RECIPE, Simulator, station};
+use crate::support::{Bench, CLOSED, Ended, Process, RECIPE, Simulator, station};
 
 /// Asserts that a run ended with this fault, on the console, in the summary and in the recording.
 #[track_caller]
@@ -32,6 +27,37 @@ fn assert_kept_the_first_view(bench: &Bench) {
     assert!(bench.read("out/model.ply").starts_with(b"ply\n"));
 }
 
+/// Asserts that the arm never moved and nothing was measured.
+#[track_caller]
+fn assert_no_motion(bench: &Bench) {
+    assert!(
+        bench
+            .events("out/run.mcap")
+            .iter()
+            .all(|event| event["event"] != "move-started")
+    );
+    assert!(bench.statuses("out").iter().all(|status| status == "missing"));
+    assert!(!bench.path("out/model.ply").exists());
+}
+
+/// A dry run that a fault of the cell ends after the first view, which is kept.
+#[track_caller]
+fn assert_ends_in_mid_run(name: &str, fault: &str, code: &str, seen: &str) {
+    let bench = Bench::new(name);
+    let ended = bench.dry_run(4, &["--fault", fault]);
+    assert_faulted(&bench, &ended, code, seen);
+    assert_kept_the_first_view(&bench);
+}
+
+/// A dry run that a fault of the cell ends before the arm has moved.
+#[track_caller]
+fn assert_ends_before_the_first_move(name: &str, fault: &str, code: &str, seen: &str) {
+    let bench = Bench::new(name);
+    let ended = bench.dry_run(2, &["--fault", fault]);
+    assert_faulted(&bench, &ended, code, seen);
+    assert_no_motion(&bench);
+}
+
 #[test]
 fn a_camera_gone_in_mid_frame_ends_the_run_and_keeps_what_was_merged() {
     let bench = Bench::new("faults-camera-gone");
@@ -43,75 +69,40 @@ fn a_camera_gone_in_mid_frame_ends_the_run_and_keeps_what_was_merged() {
 
 #[test]
 fn an_alarm_in_mid_motion_ends_the_run_with_its_number_and_name() {
-    let bench = Bench::new("faults-robot-alarm");
-    let ended = bench.dry_run(4, &["--fault", "robot-alarm=4315@2"]);
-    assert_faulted(&bench, &ended, "robot-alarm", "alarm 4315 COLLISION DETECT");
-    assert_kept_the_first_view(&bench);
+    let seen = "alarm 4315 COLLISION DETECT";
+    assert_ends_in_mid_run("faults-robot-alarm", "robot-alarm=4315@2", "robot-alarm", seen);
 }
 
 #[test]
 fn an_emergency_stop_in_mid_motion_ends_the_run() {
-    let bench = Bench::new("faults-estop");
-    let ended = bench.dry_run(4, &["--fault", "estop@2"]);
-    assert_faulted(&bench, &ended, "robot-servo", "servo power went off");
-    assert_kept_the_first_view(&bench);
+    assert_ends_in_mid_run("faults-estop", "estop@2", "robot-servo", "servo power went off");
 }
 
 #[test]
 fn an_arm_that_stands_elsewhere_ends_the_run() {
-    let bench = Bench::new("faults-elsewhere");
-    let ended = bench.dry_run(4, &["--fault", "elsewhere=2@2"]);
-    assert_faulted(&bench, &ended, "robot-elsewhere", "2.000 mm");
-    assert_kept_the_first_view(&bench);
+    assert_ends_in_mid_run("faults-elsewhere", "elsewhere=2@2", "robot-elsewhere", "2.000 mm");
 }
 
 #[test]
 fn a_robot_without_command_remote_is_never_moved() {
-    let bench = Bench::new("faults-remote-off");
-    let ended = bench.dry_run(2, &["--fault", "remote-off"]);
-    assert_faulted(&bench, &ended, "robot-not-remote", "command remote is not set");
-    assert_no_motion(&bench);
+    let seen = "command remote is not set";
+    assert_ends_before_the_first_move("faults-remote-off", "remote-off", "robot-not-remote", seen);
 }
 
 #[test]
 fn servo_power_that_cannot_be_switched_on_ends_the_run_before_the_first_move() {
-    let bench = Bench::new("faults-servo-refused");
-    let ended = bench.dry_run(2, &["--fault", "servo-refused"]);
-    assert_faulted(&bench, &ended, "robot-servo", "3450");
-    assert_no_motion(&bench);
+    assert_ends_before_the_first_move("faults-servo-refused", "servo-refused", "robot-servo", "3450");
 }
 
 #[test]
 fn settings_that_the_camera_changed_end_the_run_before_the_first_move() {
-    let bench = Bench::new("faults-config-echo");
-    let ended = bench.dry_run(2, &["--fault", "config-echo"]);
-    assert_faulted(
-        &bench,
-        &ended,
-        "camera-settings",
-        "exposure_us: asked for 1000, in force 1001",
-    );
-    assert_no_motion(&bench);
+    let seen = "exposure_us: asked for 1000, in force 1001";
+    assert_ends_before_the_first_move("faults-config-echo", "config-echo", "camera-settings", seen);
 }
 
 #[test]
 fn a_camera_that_serves_another_controller_ends_the_run_before_the_first_move() {
-    let bench = Bench::new("faults-controller-busy");
-    let ended = bench.dry_run(2, &["--fault", "controller-busy"]);
-    assert_faulted(&bench, &ended, "camera-refused", "201");
-    assert_no_motion(&bench);
-}
-
-#[track_caller]
-fn assert_no_motion(bench: &Bench) {
-    assert!(
-        bench
-            .events("out/run.mcap")
-            .iter()
-            .all(|event| event["event"] != "move-started")
-    );
-    assert!(bench.statuses("out").iter().all(|status| status == "missing"));
-    assert!(!bench.path("out/model.ply").exists());
+    assert_ends_before_the_first_move("faults-controller-busy", "controller-busy", "camera-refused", "201");
 }
 
 /// A run of three views in which view 1 fails once.
@@ -204,6 +195,21 @@ fn lost_answers_of_the_robot_change_nothing_in_the_result() {
     assert!(bench.read("whole/model.ply") == bench.read("lossy/model.ply"));
 }
 
+/// A run of four views on a slow cell, its first view merged.
+fn started_on(bench: &Bench, cell: &Simulator) -> Process {
+    bench.write("station.toml", station(cell.robot(), cell.camera()));
+    let mut run = bench.start(&[
+        "run",
+        "tiny.toml",
+        "--station=station.toml",
+        "--arm",
+        "--out=out",
+        "--views=4",
+    ]);
+    run.wait_for("view 0: merged");
+    run
+}
+
 /// `run --arm` on a station at these addresses, replayed from its recording.
 fn run_at(bench: &Bench, station_text: &str, view_count: usize) -> Ended {
     bench.write("station.toml", station_text);
@@ -283,17 +289,7 @@ fn a_robot_that_falls_silent_is_named_and_so_is_its_unconfirmed_hold() {
 fn a_hold_that_the_robot_does_not_confirm_ends_the_run_with_the_call_for_the_emergency_stop() {
     let bench = Bench::new("faults-robot-not-held");
     let cell = Simulator::start(&bench, "cell", &["--speed=2"]);
-    bench.write("station.toml", station(cell.robot(), cell.camera()));
-    let words = [
-        "run",
-        "tiny.toml",
-        "--station=station.toml",
-        "--arm",
-        "--out=out",
-        "--views=4",
-    ];
-    let mut run = bench.start(&words);
-    run.wait_for("view 0: merged");
+    let mut run = started_on(&bench, &cell);
     cell.freeze();
     run.say("h");
     let ended = run.end();
@@ -306,17 +302,7 @@ fn a_hold_that_the_robot_does_not_confirm_ends_the_run_with_the_call_for_the_eme
 fn a_cell_that_dies_while_the_arm_is_held_ends_the_run() {
     let bench = Bench::new("faults-cell-dies");
     let cell = Simulator::start(&bench, "cell", &["--speed=2"]);
-    bench.write("station.toml", station(cell.robot(), cell.camera()));
-    let words = [
-        "run",
-        "tiny.toml",
-        "--station=station.toml",
-        "--arm",
-        "--out=out",
-        "--views=4",
-    ];
-    let mut run = bench.start(&words);
-    run.wait_for("view 0: merged");
+    let mut run = started_on(&bench, &cell);
     run.say("h");
     run.wait_for("HELD");
     cell.kill();

@@ -4,6 +4,7 @@
 mod cli;
 mod faults;
 mod floors;
+mod register;
 mod runs;
 mod settings;
 mod support;

@@ -1,10 +1,5 @@
 //! Runs on the simulated cell: what they leave behind, that they repeat, and the operator's words.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "helpers of tests, outside the functions that clippy takes for tests"
-)]
-
 use crate::support::{Bench, Process, RECIPE, Simulator};
 use bladescan::journal::{Record, Topic};
 use bladescan::settings::Station;
@@ -234,10 +229,7 @@ fn a_file_that_is_no_recording_is_bad_input() {
 #[test]
 fn a_held_run_goes_on_when_the_operator_resumes_it() {
     let bench = Bench::new("runs-hold-resume");
-    let mut run = start_slowly(&bench);
-    run.wait_for("view 0: merged");
-    run.say("h");
-    run.wait_for("HELD");
+    let mut run = held_after_the_first_view(&bench);
     run.say("r");
     run.wait_for("the run goes on");
     run.end().expect(0, &["4 of 4 views merged"]);
@@ -249,10 +241,7 @@ fn a_held_run_goes_on_when_the_operator_resumes_it() {
 fn a_run_that_was_held_gives_the_same_result_as_one_that_was_not() {
     let bench = Bench::new("runs-hold-result");
     bench.dry_run_into("straight", 4, &[], &[]).expect(0, &[]);
-    let mut run = start_slowly(&bench);
-    run.wait_for("view 0: merged");
-    run.say("h");
-    run.wait_for("HELD");
+    let mut run = held_after_the_first_view(&bench);
     run.say("r");
     run.end().expect(0, &[]);
     bench.holds_a_whole_run("out", 4);
@@ -276,10 +265,7 @@ fn a_hold_before_the_devices_are_ready_can_be_resumed() {
 #[test]
 fn a_held_run_can_be_aborted_and_keeps_what_was_merged() {
     let bench = Bench::new("runs-hold-abort");
-    let mut run = start_slowly(&bench);
-    run.wait_for("view 0: merged");
-    run.say("h");
-    run.wait_for("HELD");
+    let mut run = held_after_the_first_view(&bench);
     run.say("a");
     run.end().expect(
         4,
@@ -349,6 +335,15 @@ fn a_simulated_cell_ends_with_its_standard_input() {
 /// Four views, slow enough that there is motion left to hold after the first.
 fn start_slowly(bench: &Bench) -> Process {
     bench.start(&["dry-run", "tiny.toml", "--out", "out", "--views", "4", "--speed", "2"])
+}
+
+/// The same run, held by the operator when its first view was merged.
+fn held_after_the_first_view(bench: &Bench) -> Process {
+    let mut run = start_slowly(bench);
+    run.wait_for("view 0: merged");
+    run.say("h");
+    run.wait_for("HELD");
+    run
 }
 
 /// The operator's word, then the datagram that holds the arm, then the event that the arm is held.

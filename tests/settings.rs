@@ -1,10 +1,5 @@
 //! Recipe and station files: what they mean, how mistakes are shown, and that the documents say the same.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "helpers of tests, outside the functions that clippy takes for tests"
-)]
-
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::path::{Path, PathBuf};
 

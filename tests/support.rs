@@ -1,10 +1,5 @@
 //! Starts the program as a person would, with deadlines, and looks at what it leaves behind.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "helpers of tests, outside the functions that clippy takes for tests"
-)]
-
 use bladescan::journal::{Record, Recording, Topic, Writer};
 use bladescan::settings::Station;
 use serde_json::Value;

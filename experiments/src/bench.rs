@@ -2,6 +2,7 @@
 
 use std::error::Error;
 use std::f64::consts::TAU;
+use std::hint::black_box;
 use std::io::Write;
 use std::time::Instant;
 
@@ -9,7 +10,7 @@ use bladescan::geometry::PointCloud;
 use bladescan::geometry::nearest::NearestPoints;
 use bladescan::geometry::normals::with_estimated_normals;
 use bladescan::geometry::sampling::random_indices;
-use bladescan::registration::field::{Field, Kernel};
+use bladescan::registration::field::{FORCE_ERROR_MAX, Field, Kernel};
 use bladescan::registration::mpe::descend;
 use bladescan::registration::{MpeSettings, Reference, Search, Settings, Summation, register};
 use bladescan::seed::{Seed, Stream};
@@ -29,6 +30,10 @@ pub(crate) struct BenchArguments {
     /// Leaves out MPE with brute force on more points than this.
     #[arg(long, default_value_t = 32_000)]
     pairs_max_count: usize,
+    /// A few seconds, for checking that everything still runs: once each, up to 2,000 points, a small view. Ends with an
+    /// error when a force of the fast field is off by more than its bound.
+    #[arg(long)]
+    quick: bool,
     /// Seeds clouds and samples.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -39,9 +44,24 @@ pub(crate) fn run(arguments: &BenchArguments) -> Result<(), Box<dyn Error>> {
     let one = ThreadPoolBuilder::new().num_threads(1).build()?;
     let all = ThreadPoolBuilder::new().num_threads(arguments.threads).build()?;
     one.install(|| kernels(arguments, &mut out))?;
-    all.install(|| mpe(arguments, &mut out))?;
+    let force_error = all.install(|| mpe(arguments, &mut out))?;
     all.install(|| view(arguments, &mut out))?;
+    if force_error > FORCE_ERROR_MAX {
+        return Err(format!("a force is off by {force_error:.1e}, allowed is {FORCE_ERROR_MAX:.0e}").into());
+    }
     Ok(())
+}
+
+impl BenchArguments {
+    fn repeats(&self) -> u32 {
+        if self.quick { 1 } else { self.repeats }
+    }
+
+    /// Numbers of points and the goals for them, in seconds.
+    fn sizes(&self) -> &'static [(usize, f64)] {
+        let all = &[(500, 0.02), (2000, 0.1), (8000, 0.3), (32_000, 1.5)];
+        if self.quick { &all[..2] } else { all }
+    }
 }
 
 /// The least time of several, in seconds, and what the work gives.
@@ -62,7 +82,7 @@ fn best_of<T>(repeats: u32, mut work: impl FnMut() -> T) -> (f64, T) {
 }
 
 /// A twisted blade on a platform, half height 1; the golden ratio spreads the points, `phase` shifts them.
-fn blade(count: usize, phase: f64) -> Vec<Point3<f64>> {
+pub(crate) fn blade(count: usize, phase: f64) -> Vec<Point3<f64>> {
     let golden = 0.618_033_988_749_895;
     let on_platform = count / 4;
     (0..count)
@@ -88,18 +108,69 @@ fn truth() -> Isometry3<f64> {
 }
 
 fn kernels(arguments: &BenchArguments, out: &mut impl Write) -> std::io::Result<()> {
-    writeln!(out, "kernel on one core, 4,096 x 1,024 pairs")?;
+    let clock_hz = clock_hz();
+    writeln!(
+        out,
+        "kernel on one core at {:.2} GHz, 4,096 x 1,024 pairs of {PAIR_OPERATIONS} operations, one a root and one a quotient",
+        clock_hz * 1e-9
+    )?;
     let (masses, at) = (blade(4096, 0.0), blade(1024, 0.5));
     for kernel in Kernel::available() {
         let field = Field::new(&masses).with_kernel(kernel);
-        let (seconds, _) = best_of(20 * arguments.repeats, || field.pulls(&at, 0.1));
+        let (seconds, _) = best_of(20 * arguments.repeats(), || field.pulls(&at, 0.1));
         let rate = (masses.len() * at.len()) as f64 / seconds;
-        writeln!(out, "  {:<10} {:>6.2} G pairs/s", kernel.name(), rate * 1e-9)?;
+        let lanes = match kernel.name() {
+            "avx512" => 16.0,
+            "avx2" => 8.0,
+            _ => 4.0,
+        };
+        let cycles = lanes * clock_hz / rate;
+        writeln!(
+            out,
+            "  {:<10} {:>6.2} G pairs/s  {:>6.1} G operations/s  {cycles:>5.1} cycles a vector of {lanes} pairs",
+            kernel.name(),
+            rate * 1e-9,
+            PAIR_OPERATIONS * rate * 1e-9
+        )?;
     }
-    Ok(())
+    let peak = root_and_quotient_hz();
+    let operation = "roots with quotients alone, as this program is compiled: the limit of `portable`";
+    writeln!(out, "  {:<10} {:>6.2} G pairs/s  {operation}", "peak", peak * 1e-9)
 }
 
-fn mpe(arguments: &BenchArguments, out: &mut impl Write) -> std::io::Result<()> {
+/// The core's clock, from a chain of products and sums of which each waits for the one before: 3 cycles and 1.
+fn clock_hz() -> f64 {
+    const CHAIN_COUNT: u64 = 20_000_000;
+    let (seconds, _) = best_of(5, || {
+        let factor = black_box(6_364_136_223_846_793_005u64);
+        let mut value = black_box(1u64);
+        for _ in 0..CHAIN_COUNT {
+            value = value.wrapping_mul(factor).wrapping_add(1);
+        }
+        black_box(value)
+    });
+    4.0 * CHAIN_COUNT as f64 / seconds
+}
+
+/// Square roots each followed by a quotient, a second, that wait for nothing.
+fn root_and_quotient_hz() -> f64 {
+    const COUNT: usize = 1024;
+    const REPEATS: usize = 2000;
+    let values: Vec<f32> = (0..COUNT).map(|i| 1.0 + i as f32).collect();
+    let mut results = vec![0.0f32; COUNT];
+    let (seconds, ()) = best_of(10, || {
+        for _ in 0..REPEATS {
+            for (result, value) in results.iter_mut().zip(black_box(&values)) {
+                *result = 1.5 / value.sqrt();
+            }
+            black_box(&mut results);
+        }
+    });
+    (COUNT * REPEATS) as f64 / seconds
+}
+
+/// Returns the largest force error.
+fn mpe(arguments: &BenchArguments, out: &mut impl Write) -> std::io::Result<f64> {
     writeln!(
         out,
         "\nMPE with {} threads, template and reference of N points (s; growth: power of N since the row above)",
@@ -110,8 +181,9 @@ fn mpe(arguments: &BenchArguments, out: &mut impl Write) -> std::io::Result<()> 
         "{:>7} {:>6} {:>9} {:>6} {:>9} {:>6} {:>6} {:>10} {:>10} {:>6}",
         "N", "points", "fast", "growth", "pairs", "growth", "steps", "force err", "apart rad", "goal"
     )?;
-    let mut last: Option<(f64, f64, f64)> = None;
-    for (count, goal) in [(500, 0.02), (2000, 0.1), (8000, 0.3), (32_000, 1.5)] {
+    let mut rows: Vec<(f64, f64, f64)> = Vec::new();
+    let mut force_error_max = 0.0f64;
+    for &(count, goal) in arguments.sizes() {
         let template = blade(count, 0.0);
         let reference: Vec<_> = blade(count, 0.5).iter().map(|point| truth() * point).collect();
         for sample_count in [count, 200, 100] {
@@ -130,21 +202,22 @@ fn mpe(arguments: &BenchArguments, out: &mut impl Write) -> std::io::Result<()> 
                 };
                 best_of(repeats, || descend(&moving, &fixed, &Isometry3::identity(), &settings))
             };
-            let (fast_s, fast) = fall(Summation::Automatic, arguments.repeats);
+            let (fast_s, fast) = fall(Summation::Automatic, arguments.repeats());
             write!(out, "{count:>7} {sample_count:>6} {fast_s:>9.4}")?;
             if sample_count != count {
                 writeln!(out, " {:>6} {:>9} {:>6} {:>6}", "", "", "", fast.iterations)?;
                 continue;
             }
-            let repeats = if count > 2000 { 1 } else { arguments.repeats };
+            let repeats = if count > 2000 { 1 } else { arguments.repeats() };
             let exact = (count <= arguments.pairs_max_count).then(|| fall(Summation::Pairs, repeats));
             let pairs_s = exact.as_ref().map_or(f64::NAN, |(seconds, _)| *seconds);
-            let power = |now: f64, before: f64, ratio: f64| (now / before).ln() / ratio.ln();
-            let growth = last.map_or((f64::NAN, f64::NAN), |(n, fast, pairs)| {
+            let growth = rows.last().map_or((f64::NAN, f64::NAN), |(n, fast, pairs)| {
                 let ratio = count as f64 / n;
-                (power(fast_s, fast, ratio), power(pairs_s, pairs, ratio))
+                (power(fast_s / fast, ratio), power(pairs_s / pairs, ratio))
             });
-            last = Some((count as f64, fast_s, pairs_s));
+            rows.push((count as f64, fast_s, pairs_s));
+            let force_error = force_error(&moving, &fixed);
+            force_error_max = force_error_max.max(force_error);
             let apart = exact.map_or(f64::NAN, |(_, exact)| {
                 let between = exact.reference_from_template.inverse() * fast.reference_from_template;
                 between.rotation.angle()
@@ -155,13 +228,29 @@ fn mpe(arguments: &BenchArguments, out: &mut impl Write) -> std::io::Result<()> 
                 growth.0,
                 growth.1,
                 fast.iterations,
-                force_error(&moving, &fixed),
+                force_error,
                 goal,
                 if fast_s <= goal { "met" } else { "missed" },
             )?;
         }
     }
-    Ok(())
+    if let [first, .., last] = rows.as_slice() {
+        let ratio = last.0 / first.0;
+        writeln!(
+            out,
+            "from {} to {} points: fast grows with N^{:.2}, pairs with N^{:.2}; largest force error {force_error_max:.1e}",
+            first.0,
+            last.0,
+            power(last.1 / first.1, ratio),
+            power(last.2 / first.2, ratio)
+        )?;
+    }
+    Ok(force_error_max)
+}
+
+/// The exponent that makes `ratio` of sizes a ratio of times.
+fn power(times: f64, ratio: f64) -> f64 {
+    times.ln() / ratio.ln()
 }
 
 /// The largest error of a force over the sum of the magnitudes of its parts, of the field that MPE takes by itself.
@@ -193,8 +282,9 @@ fn view(arguments: &BenchArguments, out: &mut impl Write) -> std::io::Result<()>
         with_estimated_normals(&cloud, &tree, 20, Some(&Point3::new(0.0, 0.0, 1e6)))
     };
     let scaled = |count, phase| blade(count, phase).into_iter().map(|point| point * 40.0).collect();
-    let model = oriented(scaled(400_000, 0.0));
-    let in_sight: Vec<Point3<f64>> = scaled(140_000, 0.5);
+    let tenth = if arguments.quick { 1 } else { 10 };
+    let model = oriented(scaled(40_000 * tenth, 0.0));
+    let in_sight: Vec<Point3<f64>> = scaled(14_000 * tenth, 0.5);
     // Noise of a scanner, up to 0.02 mm either way along each axis.
     let noise = |i: usize, rate: f64| 0.04 * ((i as f64 * rate).sin() * 43_758.545).fract();
     let measured = in_sight.into_iter().filter(|point| point.y > 4.0).enumerate();
@@ -209,7 +299,7 @@ fn view(arguments: &BenchArguments, out: &mut impl Write) -> std::io::Result<()>
         model.len(),
         arguments.threads
     )?;
-    let (reference_s, reference) = best_of(arguments.repeats, || Reference::new(&model));
+    let (reference_s, reference) = best_of(arguments.repeats(), || Reference::new(&model));
     let reference = reference.map_err(std::io::Error::other)?;
     writeln!(
         out,
@@ -221,7 +311,7 @@ fn view(arguments: &BenchArguments, out: &mut impl Write) -> std::io::Result<()>
         search: Search::NearPart { reach_factor: 0.25 },
         ..Settings::default()
     };
-    let (total_s, (stages, found)) = best_of(arguments.repeats, || {
+    let (total_s, (stages, found)) = best_of(arguments.repeats(), || {
         let mut stages = Vec::new();
         let mut begun = Instant::now();
         let rng = Seed(arguments.seed).stream(Stream::Sampling { view_index: 0 });
@@ -246,3 +336,7 @@ fn view(arguments: &BenchArguments, out: &mut impl Write) -> std::io::Result<()>
     )?;
     Ok(())
 }
+
+/// Operations of a pair of points: 3 differences, 3 squares, 3 sums, a root, a sum, 2 products, a quotient, and for the
+/// three forces and the potential 5 products and 4 sums.
+const PAIR_OPERATIONS: f64 = 23.0;

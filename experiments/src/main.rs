@@ -2,7 +2,9 @@
 
 mod bench;
 mod cases;
+mod generate;
 mod golden;
+mod large;
 mod model;
 mod pairs;
 mod speed;
@@ -22,10 +24,14 @@ enum Command {
     Pairs(pairs::PairsArguments),
     /// Registers the views of a folder one after the other to the growing model.
     Model(model::ModelArguments),
+    /// Writes case folders with known truth, of the kinds that registration is judged by.
+    Generate(generate::GenerateArguments),
     /// Checks client and simulated controller against golden HSES frames.
     Golden(golden::GoldenArguments),
     /// Prints one table of the registration's speed: kernels, full-sample MPE, one view by stage.
     Bench(bench::BenchArguments),
+    /// Registers two clouds of ten million points: time by stage and memory.
+    Large(large::LargeArguments),
     /// Times the parts that have a budget, on generated data.
     Speed,
 }
@@ -34,8 +40,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     match Arguments::parse().command {
         Command::Pairs(arguments) => pairs::run(&arguments),
         Command::Model(arguments) => model::run(&arguments),
+        Command::Generate(arguments) => generate::run(&arguments),
         Command::Golden(arguments) => golden::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
+        Command::Large(arguments) => large::run(&arguments),
         Command::Speed => speed::run(),
     }
 }

@@ -8,13 +8,14 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use bladescan::geometry::PointCloud;
-use bladescan::registration::{Reference, Search, Settings, Status, WeakDirections, register};
+use bladescan::registration::{Reference, Registration, Search, Settings, Status, WeakDirections, register};
 use bladescan::seed::{Seed, Stream};
 use clap::Args;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
+use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::cases::{self, Errors};
 
@@ -42,6 +43,9 @@ pub(crate) struct PairsArguments {
     /// registered; this seeds the draws. Scored in the case's own frame.
     #[arg(long, value_name = "SEED")]
     turned: Option<u64>,
+    /// Registers every case once with each of these numbers of threads and says how many cases give the same bits.
+    #[arg(long, value_name = "N,N,...", value_delimiter = ',')]
+    threads: Vec<usize>,
     /// Prints a line for every case, with the stages.
     #[arg(long)]
     verbose: bool,
@@ -64,6 +68,12 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
         },
         ..Settings::default()
     };
+    let pools = arguments
+        .threads
+        .iter()
+        .map(|count| ThreadPoolBuilder::new().num_threads(*count).build())
+        .collect::<Result<Vec<_>, _>>()?;
+    let mut same_count = 0;
     let mut groups: BTreeMap<String, Vec<Outcome>> = BTreeMap::new();
     for (index, case) in cases.iter().enumerate() {
         let source = cases::cloud(&case.folder.join("source.ply"))?;
@@ -77,21 +87,25 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
             Isometry3::identity()
         };
         let target = cases::cloud(&case.folder.join("target.ply"))?;
+        let stream = || Seed(arguments.seed).stream(Stream::Sampling { view_index: 0 });
+        if !pools.is_empty() {
+            let is_same = same_bits(&pools, || {
+                let reference = Reference::new(&target).ok()?;
+                Some(register(&turned, &reference, &start, &settings, stream(), &mut |_| {}))
+            });
+            same_count += usize::from(is_same);
+            if !is_same {
+                writeln!(out, "{}: the bits differ", case.folder.display())?;
+            }
+        }
         let begun = Instant::now();
         let reference = Reference::new(&target)?;
         let mut times = vec![("reference", 0, begun.elapsed().as_secs_f64())];
         let mut last = Instant::now();
-        let found = register(
-            &turned,
-            &reference,
-            &start,
-            &settings,
-            Seed(arguments.seed).stream(Stream::Sampling { view_index: 0 }),
-            &mut |stage| {
-                times.push((stage.name, stage.iterations, last.elapsed().as_secs_f64()));
-                last = Instant::now();
-            },
-        );
+        let found = register(&turned, &reference, &start, &settings, stream(), &mut |stage| {
+            times.push((stage.name, stage.iterations, last.elapsed().as_secs_f64()));
+            last = Instant::now();
+        });
         let seconds = begun.elapsed().as_secs_f64();
         let estimate = found.reference_from_template * turn;
         let errors = cases::errors(case, &source, &estimate);
@@ -166,7 +180,23 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
         "all: {} cases, {} right, {} converged, {} converged but wrong",
         all.0, all.1, all.2, all.3
     )?;
+    if !pools.is_empty() {
+        let counts: Vec<String> = arguments.threads.iter().map(usize::to_string).collect();
+        writeln!(
+            out,
+            "same bits at {} threads: {same_count} of {}",
+            counts.join(", "),
+            cases.len()
+        )?;
+    }
     Ok(())
+}
+
+/// Whether `work` gives the same bits in every pool. The shortest decimals that read back as the same number tell two
+/// numbers apart whenever their bits differ.
+fn same_bits(pools: &[ThreadPool], work: impl Fn() -> Option<Registration> + Sync) -> bool {
+    let outcomes: Vec<String> = pools.iter().map(|pool| format!("{:?}", pool.install(&work))).collect();
+    outcomes.windows(2).all(|pair| pair[0] == pair[1])
 }
 
 struct Outcome {

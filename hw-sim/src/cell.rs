@@ -77,8 +77,8 @@ pub enum Output {
     },
     /// A frame must be computed and come back as [`Input::Rendered`].
     Render(RenderJob),
-    /// The truth has grown by one acquisition.
-    Truth(Truth),
+    /// The [`Cell::truth`] has grown by one acquisition.
+    TruthGrew,
     /// Someone broke a protocol; for the log.
     Violation(String),
 }
@@ -285,7 +285,7 @@ impl Cell {
                 exposure.surface_points_mm.unwrap_or_default(),
                 exposure.moved.unwrap_or_default(),
             );
-            self.outputs.push_back(Output::Truth(self.truth.clone()));
+            self.outputs.push_back(Output::TruthGrew);
         }
     }
 }

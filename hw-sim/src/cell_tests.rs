@@ -72,7 +72,7 @@ impl Bench {
                         .handle_input(self.now_ns, Input::Rendered { job: job.job, frame });
                 }
                 Output::CameraClose { .. } | Output::Violation(_) => panic!("{output:?}"),
-                Output::Truth(_) => (),
+                Output::TruthGrew => (),
             }
         }
     }

@@ -153,6 +153,8 @@ enum CliError {
     Score(#[from] crate::score::ScoreError),
     #[error(transparent)]
     Shell(#[from] shell::ShellError),
+    #[error("cannot read {path}: {source}")]
+    Read { path: PathBuf, source: io::Error },
     #[error("cannot write {path}: {source}")]
     Write { path: PathBuf, source: io::Error },
     #[error("{path} is the truth of another run: another blade, seed or optics, or no truth at all")]
@@ -167,7 +169,7 @@ impl CliError {
             Self::NoBlade(_) | Self::Stl(_) | Self::Renderer(_) | Self::Score(_) | Self::OtherRun { .. } => {
                 ExitCode::from(2)
             }
-            Self::Shell(_) | Self::Write { .. } | Self::Stdout(_) => ExitCode::from(1),
+            Self::Shell(_) | Self::Read { .. } | Self::Write { .. } | Self::Stdout(_) => ExitCode::from(1),
         }
     }
 }
@@ -240,7 +242,13 @@ fn cell(scene: Scene, truth_path: Option<&Path>) -> Result<Cell, CliError> {
             }
             Cell::resumed(scene, earlier)
         }
-        Err(_) => Cell::new(scene),
+        Err(source) if source.kind() == std::io::ErrorKind::NotFound => Cell::new(scene),
+        Err(source) => {
+            return Err(CliError::Read {
+                path: path.to_owned(),
+                source,
+            });
+        }
     };
     cell.truth().write(path).map_err(|source| CliError::Write {
         path: path.to_owned(),
@@ -444,6 +452,16 @@ mod tests {
         );
         std::fs::remove_file(&path).unwrap();
         assert!(matches!(other, Err(CliError::OtherRun { .. })));
+    }
+
+    #[test]
+    fn a_truth_that_is_there_but_cannot_be_read_is_not_begun_anew() {
+        // A folder is there, and no file to read.
+        let path = std::env::temp_dir().join(format!("hw-sim-cli-folder-{}", std::process::id()));
+        std::fs::create_dir_all(&path).unwrap();
+        let refused = cell(Scene::default(), Some(&path));
+        std::fs::remove_dir(&path).unwrap();
+        assert!(matches!(refused, Err(CliError::Read { .. })));
     }
 
     #[test]

@@ -8,6 +8,7 @@
 pub mod blade;
 pub mod camera;
 pub mod cell;
+mod checks;
 pub mod cli;
 mod draws;
 pub mod fault;

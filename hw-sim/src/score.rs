@@ -131,12 +131,7 @@ pub enum ScoreError {
 
 /// Scores `poses.json` and `truth.json` of a run's folder.
 pub fn score_folder(folder: &Path) -> Result<Score, ScoreError> {
-    score_files(&folder.join("poses.json"), &folder.join("truth.json"))
-}
-
-/// Scores a file of poses against a file of truth.
-pub fn score_files(poses_path: &Path, truth_path: &Path) -> Result<Score, ScoreError> {
-    score(&read(poses_path)?, &read(truth_path)?)
+    score(&read(&folder.join("poses.json"))?, &read(&folder.join("truth.json"))?)
 }
 
 /// Scores poses against the truth.
@@ -227,22 +222,16 @@ impl Posed {
 
 /// The rigid motion that brings the estimated surface points closest to the true ones in the least-squares sense.
 fn best_common_motion(views: &[&Posed]) -> Isometry3<f64> {
-    let placed = || {
-        let points = |view: &&Posed| {
-            let (estimated, true_pose) = (view.estimated, view.true_pose);
-            view.surface
-                .iter()
-                .map(move |point| ((estimated * point).coords, (true_pose * point).coords))
-                .collect::<Vec<_>>()
-        };
-        views.iter().flat_map(points)
-    };
-    let count = placed().count() as f64;
-    let (from, to) = placed().fold((Vector3::zeros(), Vector3::zeros()), |sum, (a, b)| {
-        (sum.0 + a, sum.1 + b)
-    });
-    let (from, to) = (from / count, to / count);
-    let covariance = placed().fold(Matrix3::zeros(), |sum, (a, b)| sum + (b - to) * (a - from).transpose());
+    let mut placed: Vec<(Vector3<f64>, Vector3<f64>)> = Vec::new();
+    for view in views {
+        let both = |point: &Point3<f64>| ((view.estimated * point).coords, (view.true_pose * point).coords);
+        placed.extend(view.surface.iter().map(both));
+    }
+    let count = placed.len() as f64;
+    let from = placed.iter().map(|(from, _)| from).sum::<Vector3<f64>>() / count;
+    let to = placed.iter().map(|(_, to)| to).sum::<Vector3<f64>>() / count;
+    let products = placed.iter().map(|(a, b)| (b - to) * (a - from).transpose());
+    let covariance: Matrix3<f64> = products.sum();
     let svd = covariance.svd(true, true);
     let (u, v_t) = (svd.u.expect("U was asked for"), svd.v_t.expect("V was asked for"));
     // nalgebra orders the singular values downward, so a mirror is taken out along the last.

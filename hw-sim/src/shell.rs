@@ -106,7 +106,7 @@ pub async fn serve(
     stop: impl Future<Output = ()>,
 ) -> Result<(), ShellError> {
     let (input_sender, mut inputs) = mpsc::channel(INPUT_COUNT_MAX);
-    let (truth_sender, truths) = watch::channel(cell.truth().clone());
+    let (truth_sender, truths) = watch::channel(Arc::new(cell.truth().clone()));
     let truth_writer = truth_path.map(|path| tokio::spawn(write_truths(path, truths)));
     let mut shell = Shell {
         cell,
@@ -129,7 +129,7 @@ struct Shell {
     /// Bytes on their way to each client of the camera. The cell never has more than one frame under way.
     writers: BTreeMap<u64, Connection>,
     input_sender: mpsc::Sender<Input>,
-    truth_sender: watch::Sender<Truth>,
+    truth_sender: watch::Sender<Arc<Truth>>,
     connection_count: u64,
 }
 
@@ -210,8 +210,10 @@ impl Shell {
                     }
                 }
                 Output::Render(job) => self.render(job),
-                Output::Truth(truth) => {
-                    self.truth_sender.send_replace(truth);
+                // Nobody listens when no file of it is wanted.
+                Output::TruthGrew if self.truth_sender.is_closed() => {}
+                Output::TruthGrew => {
+                    self.truth_sender.send_replace(Arc::new(self.cell.truth().clone()));
                 }
                 Output::Violation(text) => log(&format!("SIMULATED cell: protocol violation: {text}")),
             }
@@ -324,9 +326,9 @@ async fn write(mut stream: OwnedWriteHalf, mut bytes: mpsc::UnboundedReceiver<Ve
 }
 
 /// Writes the newest truth whenever it has changed, and the last one before it ends.
-async fn write_truths(path: PathBuf, mut truths: watch::Receiver<Truth>) -> Result<(), ShellError> {
+async fn write_truths(path: PathBuf, mut truths: watch::Receiver<Arc<Truth>>) -> Result<(), ShellError> {
     while truths.changed().await.is_ok() {
-        let truth = truths.borrow_and_update().clone();
+        let truth = Arc::clone(&truths.borrow_and_update());
         let target = path.clone();
         let written = tokio::task::spawn_blocking(move || truth.write(&target))
             .await

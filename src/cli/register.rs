@@ -2,11 +2,13 @@
 
 use super::{Exit, Failure, print};
 use crate::geometry::{Measured, PointCloud, isometry_from_rows, matrix_rows, read_cloud};
-use crate::registration::{Reference, Registration, Search, Settings, Stage, Status, WeakDirections, register};
+use crate::registration::{
+    Reference, RegisterError, Registration, Search, Settings, Stage, StartSigma, Status, WeakDirections,
+    can_be_registered, register,
+};
 use crate::seed::{Seed, Stream};
 use nalgebra::Isometry3;
 use serde_json::{Value, json};
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -20,6 +22,11 @@ pub(super) struct Args {
     /// does not explain the clouds].
     #[arg(long, value_name = "T.txt")]
     init: Option<PathBuf>,
+    /// How well the start is known, one standard deviation of a turn about each axis (deg, about the template's centroid)
+    /// and of a shift (the clouds' unit): the answer is the mean of start and surfaces, each weighed by its certainty
+    /// [default: the start counts only where the surfaces say nothing].
+    #[arg(long, value_name = "DEG,LENGTH", requires = "init", value_parser = start_sigma)]
+    init_sigma: Option<StartSigma>,
     /// Seeds the samples.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -29,8 +36,8 @@ pub(super) struct Args {
 }
 
 pub(super) fn main(args: &Args) -> Result<Exit, Failure> {
-    let template = read(&args.template)?;
-    let reference = read(&args.reference)?;
+    let (template, template_dropped_count) = read(&args.template)?;
+    let (reference, reference_dropped_count) = read(&args.reference)?;
     let start = match &args.init {
         Some(path) => read_motion(path)?,
         None => Isometry3::identity(),
@@ -38,16 +45,9 @@ pub(super) fn main(args: &Args) -> Result<Exit, Failure> {
     let began = Instant::now();
     let mut last = began;
     let mut stages = Vec::new();
-    let prepared =
-        Reference::new(&reference).map_err(|error| Failure::Usage(format!("{}: {error}", args.reference.display())))?;
-    if template.len() < crate::registration::POINT_MIN_COUNT {
-        return Err(Failure::Usage(format!(
-            "{}: {} points are too few to register, at least {} are needed",
-            args.template.display(),
-            template.len(),
-            crate::registration::POINT_MIN_COUNT
-        )));
-    }
+    let refused = |path: &Path, error: RegisterError| Failure::Usage(format!("{}: {error}", path.display()));
+    can_be_registered(&template).map_err(|error| refused(&args.template, error))?;
+    let prepared = Reference::new(&reference).map_err(|error| refused(&args.reference, error))?;
     let mut on_stage = |stage: &Stage| {
         let now = Instant::now();
         stages.push(json!({
@@ -58,10 +58,11 @@ pub(super) fn main(args: &Args) -> Result<Exit, Failure> {
         last = now;
     };
     let settings = Settings {
-        weak_directions: match args.init {
+        weak_directions: match (&args.init, args.init_sigma) {
+            (Some(_), Some(sigma)) => WeakDirections::Weigh(sigma),
             // A given start is a measurement; the identity is only a guess.
-            Some(_) => WeakDirections::Hold,
-            None => WeakDirections::Report,
+            (Some(_), None) => WeakDirections::Hold,
+            (None, _) => WeakDirections::Report,
         },
         search: match args.init {
             Some(_) => Search::Near,
@@ -71,13 +72,19 @@ pub(super) fn main(args: &Args) -> Result<Exit, Failure> {
     };
     let stream = Seed(args.seed).stream(Stream::Sampling { view_index: 0 });
     let found = register(&template, &prepared, &start, &settings, stream, &mut on_stage);
-    let seconds = began.elapsed().as_secs_f64();
+    let outcome = Outcome {
+        found,
+        stages,
+        template_dropped_count,
+        reference_dropped_count,
+        seconds: began.elapsed().as_secs_f64(),
+    };
     if args.json {
-        print(&as_json(&found, &stages, seconds).to_string())?;
+        print(&outcome.as_json().to_string())?;
     } else {
-        print(&as_text(&found, seconds))?;
+        print(&outcome.as_text())?;
     }
-    Ok(match found.status {
+    Ok(match outcome.found.status {
         Status::Converged => Exit::Done,
         Status::Ambiguous | Status::Weak | Status::Failed => Exit::Short,
     })
@@ -92,60 +99,102 @@ fn status_name(status: Status) -> &'static str {
     }
 }
 
-fn as_json(found: &Registration, stages: &[Value], seconds: f64) -> Value {
-    let covariance = found.covariance.map(|matrix| {
-        (0..6)
-            .map(|row| (0..6).map(|column| matrix[(row, column)]).collect::<Vec<f64>>())
-            .collect::<Vec<_>>()
-    });
-    let weak_directions: Vec<Value> = found
-        .weak_directions
-        .iter()
-        // JSON has no infinity: a direction the data say nothing about has a null sigma.
-        .map(|weak| json!({ "direction": weak.direction, "sigma": weak.sigma.is_finite().then_some(weak.sigma) }))
-        .collect();
-    json!({
-        "reference_from_template": matrix_rows(&found.reference_from_template),
-        "status": status_name(found.status),
-        "overlap": { "count": found.overlap.count, "fraction": found.overlap.fraction },
-        "rmse": found.rmse,
-        "covariance": covariance,
-        "weak_directions": weak_directions,
-        "stages": stages,
-        "seconds": seconds,
-    })
+/// What is said of a registration.
+struct Outcome {
+    found: Registration,
+    stages: Vec<Value>,
+    template_dropped_count: usize,
+    reference_dropped_count: usize,
+    seconds: f64,
 }
 
-fn as_text(found: &Registration, seconds: f64) -> String {
-    let rows = matrix_rows(&found.reference_from_template)
-        .map(|row| row.map(|value| format!("{value:15.9}")).join(" "))
-        .join("\n");
-    format!(
-        "{rows}\n{}: overlap {:.3} ({} points), residual {:.6}, {} weak directions, {seconds:.3} s",
-        status_name(found.status),
-        found.overlap.fraction,
-        found.overlap.count,
-        found.rmse,
-        found.weak_directions.len()
-    )
+impl Outcome {
+    fn as_json(&self) -> Value {
+        let found = &self.found;
+        let weak_directions: Vec<Value> = found
+            .weak_directions
+            .iter()
+            // JSON has no infinity: a direction the data say nothing about has a null sigma.
+            .map(|weak| json!({ "direction": weak.direction, "sigma": weak.sigma.is_finite().then_some(weak.sigma) }))
+            .collect();
+        json!({
+            "reference_from_template": matrix_rows(&found.reference_from_template),
+            "status": status_name(found.status),
+            "overlap": { "count": found.overlap.count, "fraction": found.overlap.fraction },
+            "rmse": found.rmse,
+            "covariance": self.covariance_rows(),
+            "weak_directions": weak_directions,
+            "dropped_count": { "template": self.template_dropped_count, "reference": self.reference_dropped_count },
+            "stages": self.stages,
+            "seconds": self.seconds,
+        })
+    }
+
+    fn as_text(&self) -> String {
+        let found = &self.found;
+        let mut lines: Vec<String> = matrix_rows(&found.reference_from_template)
+            .map(|row| row.map(|value| format!("{value:15.9}")).join(" "))
+            .into();
+        lines.push(format!(
+            "{}: overlap {:.3} ({} points), residual {:.4e}, {:.3} s",
+            status_name(found.status),
+            found.overlap.fraction,
+            found.overlap.count,
+            found.rmse,
+            self.seconds
+        ));
+        let numbers = |row: &[f64]| row.iter().map(|value| format!("{value:11.3e}")).collect::<String>();
+        for weak in &found.weak_directions {
+            lines.push(format!(
+                "weak direction: sigma {:.3e} along{}",
+                weak.sigma,
+                numbers(&weak.direction)
+            ));
+        }
+        match self.covariance_rows() {
+            Some(rows) => {
+                lines.push("covariance of rx ry rz (rad) tx ty tz about the template's centroid:".to_owned());
+                lines.extend(rows.iter().map(|row| numbers(row)));
+            }
+            None => lines.push("no covariance".to_owned()),
+        }
+        lines.push(format!(
+            "points dropped because they are not finite: {} of the template, {} of the reference",
+            self.template_dropped_count, self.reference_dropped_count
+        ));
+        lines.join("\n")
+    }
+
+    fn covariance_rows(&self) -> Option<[[f64; 6]; 6]> {
+        let matrix = self.found.covariance?;
+        Some(std::array::from_fn(|row| {
+            std::array::from_fn(|column| matrix[(row, column)])
+        }))
+    }
 }
 
-fn read(path: &Path) -> Result<PointCloud, Failure> {
+/// Reads `DEG,LENGTH`.
+fn start_sigma(text: &str) -> Result<StartSigma, String> {
+    let numbers: Vec<f64> = text.split(',').filter_map(|word| word.trim().parse().ok()).collect();
+    let allowed = |value: &f64| value.is_finite() && *value > 0.0;
+    match numbers.as_slice() {
+        [deg, shift] if text.split(',').count() == 2 && allowed(deg) && allowed(shift) => Ok(StartSigma {
+            turn_rad: deg.to_radians(),
+            shift: *shift,
+        }),
+        _ => Err("two positive numbers belong here: degrees and a length, such as 0.05,0.1".to_owned()),
+    }
+}
+
+/// A cloud, and how many points of the file were not finite.
+fn read(path: &Path) -> Result<(PointCloud, usize), Failure> {
     let bytes = std::fs::read(path).map_err(|source| Failure::Read {
         path: path.to_owned(),
         source,
     })?;
     let Measured { cloud, dropped_count } = read_cloud(&path.display().to_string(), &bytes)
         .map_err(|error| Failure::Usage(format!("{}: {error}", path.display())))?;
-    if dropped_count > 0 {
-        writeln!(
-            std::io::stderr(),
-            "{}: {dropped_count} points that are not finite were dropped",
-            path.display()
-        )
-        .ok();
-    }
-    Ok(cloud)
+    Ok((cloud, dropped_count))
 }
 
 fn read_motion(path: &Path) -> Result<Isometry3<f64>, Failure> {

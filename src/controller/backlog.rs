@@ -334,6 +334,8 @@ fn view_settings(recipe: &Recipe) -> ViewSettings {
             } else {
                 Search::Near
             },
+            // The decision to merge judges the recipe's own minimum, and says what it found.
+            overlap_min_fraction: 0.0,
             ..registration::Settings::default()
         },
         overlap_min: recipe.merge.overlap_min,
@@ -341,5 +343,19 @@ fn view_settings(recipe: &Recipe) -> ViewSettings {
             rotation_max_rad: wanted.prior_rotation_max_rad,
             translation_max_distance: wanted.prior_translation_max_mm,
         }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_recipe_alone_says_how_much_overlap_is_enough() {
+        let text = "name = \"probe\"\nblade.cad = \"builtin:lpt\"\nmerge.overlap_min_fraction = 0.03\n\
+                    presentation = { position_mm = [10, -5, 600], rotation_deg = [0, 90, 0] }\n[views]\n";
+        let settings = view_settings(&Recipe::parse("probe.toml", text).unwrap());
+        assert_eq!(settings.overlap_min, OverlapMin::Fraction(0.03));
+        assert_eq!(settings.registration.overlap_min_fraction, 0.0);
     }
 }

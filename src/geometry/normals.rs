@@ -204,8 +204,8 @@ pub fn roughness(points: &[Point3<f64>], tree: &NearestPoints, indices: &[usize]
         .with_min_len(64)
         .map(|&index| {
             let mut moments = Moments::default();
-            for found in tree.nearest_many(&points[index], neighbour_count.max(4)) {
-                moments.add(&(points[found.index] - points[index]));
+            for place in nearest_places(points, tree, index, neighbour_count.max(4)) {
+                moments.add(&(place - points[index]));
             }
             let mut values: [f64; 3] = moments.covariance().symmetric_eigenvalues().into();
             values.sort_by(f64::total_cmp);
@@ -222,6 +222,23 @@ pub fn roughness(points: &[Point3<f64>], tree: &NearestPoints, indices: &[usize]
         scatter: quantile(spreads.iter().map(|spread| spread.0).collect(), 0.5),
         fuzziness: quantile(spreads.iter().map(|spread| spread.1).collect(), 0.25),
     }
+}
+
+/// The `count` nearest places to a point, itself among them: points that coincide are one place, so that a list given
+/// twice is as rough as once. Fewer where more than four lie in one.
+fn nearest_places(points: &[Point3<f64>], tree: &NearestPoints, index: usize, count: usize) -> Vec<Point3<f64>> {
+    let mut places = Vec::new();
+    for repeated in [1, 2, 4] {
+        let found = tree.nearest_many(&points[index], repeated * count);
+        let is_all = found.len() < repeated * count;
+        places = found.into_iter().map(|found| points[found.index]).collect();
+        places.dedup();
+        if places.len() >= count || is_all {
+            break;
+        }
+    }
+    places.truncate(count);
+    places
 }
 
 /// First and second moments of offsets.

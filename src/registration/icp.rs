@@ -9,6 +9,7 @@ use nalgebra::{Isometry3, Point3, Vector3, Vector6};
 use rayon::prelude::*;
 
 use super::normal_matrix::NormalMatrix;
+use super::prior::weighed;
 use super::reference::Reference;
 use super::twist::{motion_between, moved};
 use super::{Determination, WeakDirections};
@@ -359,16 +360,45 @@ pub(super) fn finish(
     weak_directions: WeakDirections,
 ) -> Option<Refined> {
     let free = problem.refine(sample, start, level, 0.0, &[])?;
-    if weak_directions == WeakDirections::Report || free.determination.weak.is_empty() {
+    if weak_directions == WeakDirections::Report {
         return Some(free);
     }
+    let free = free.weighed(problem, prior, weak_directions);
+    if free.determination.weak.is_empty() {
+        return Some(free);
+    }
+    // Along these the surfaces may differ a little from place to place: the others are refined where they are held.
     let held: Vec<Vector6<f64>> = free.determination.weak.iter().map(|(scaled, _)| *scaled).collect();
-    let back = problem.without(prior, &free.pose, &held);
+    let anchor = match weak_directions {
+        WeakDirections::Weigh(_) => free.pose,
+        WeakDirections::Hold | WeakDirections::Report => *prior,
+    };
+    let back = problem.without(&anchor, &free.pose, &held);
     let mut refined = problem.refine(sample, &back, level, 0.0, &held)?;
-    refined.pose = problem.without(prior, &refined.pose, &held);
+    refined.pose = problem.without(&anchor, &refined.pose, &held);
     refined.iterations += free.iterations;
     refined.determination = free.determination;
     Some(refined)
+}
+
+impl Refined {
+    /// The mean with the start, if that is wished and something is known about both.
+    pub(super) fn weighed(
+        mut self,
+        problem: &Problem<'_>,
+        start: &Isometry3<f64>,
+        weak_directions: WeakDirections,
+    ) -> Self {
+        let (WeakDirections::Weigh(sigma), Some(covariance)) = (weak_directions, &self.determination.covariance) else {
+            return self;
+        };
+        let (centroid, radius) = (&problem.centroid, problem.radius);
+        if let Some(mean) = weighed(start, &sigma, &self.pose, covariance, centroid, radius) {
+            self.pose = mean.pose;
+            self.determination.covariance = Some(mean.covariance);
+        }
+        self
+    }
 }
 
 const CHUNK_COUNT: usize = 1024;

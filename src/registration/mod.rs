@@ -16,6 +16,7 @@ mod consistency;
 mod facing;
 mod nfi;
 mod normal_matrix;
+mod prior;
 mod reference;
 mod search;
 #[cfg(test)]
@@ -108,12 +109,24 @@ pub enum FineStage {
 }
 
 /// What is done about directions that the surfaces do not determine (a smooth airfoil along its span).
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum WeakDirections {
     /// Found, reported, and held at the start's value: for a start that is a measurement, such as a robot's pose.
     Hold,
     /// Found and reported; the motion along them is what the data happened to give.
     Report,
+    /// Found, reported, and settled between surfaces and start: the answer is the mean of both, in every direction,
+    /// weighed by their certainties. For a start whose own standard deviations are known.
+    Weigh(StartSigma),
+}
+
+/// How well the start is known, one standard deviation each; finite, and not negative.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StartSigma {
+    /// Of a turn about each axis through the template's centroid.
+    pub turn_rad: f64,
+    /// Of a shift of the template's centroid along each axis, in the clouds' unit.
+    pub shift: f64,
 }
 
 /// The outcome of one registration. A poor one is a value, not an error.
@@ -129,10 +142,10 @@ pub struct Registration {
     /// the nearest reference point), in the clouds' unit; 0 when nothing overlaps.
     pub rmse: f64,
     /// Covariance of `[rx ry rz tx ty tz]`: a small rotation (rad) about the template's centroid and a translation
-    /// (clouds' unit), both in the reference frame. From the residuals, taken as independent; `None` when the fine stage
-    /// could not be solved.
+    /// (clouds' unit), both in the reference frame. From the residuals, taken as independent, and from the start's
+    /// certainty where that is weighed; `None` when the fine stage could not be solved.
     pub covariance: Option<Matrix6<f64>>,
-    /// The directions that the surfaces do not determine, weakest first.
+    /// The directions that the surfaces alone do not determine, weakest first.
     pub weak_directions: Vec<WeakDirection>,
     /// The stages, in the order in which they ended.
     pub stages: Vec<Stage>,
@@ -184,8 +197,8 @@ pub struct Stage {
 ///
 /// `seed_stream` draws the samples; the same stream gives the same bits, whatever the number of threads. `on_stage` is
 /// called when each stage ends, so that a caller with a clock can time it. Template normals are used if there are any
-/// (they must face the sensor, like the reference's) and estimated otherwise. A template of fewer than
-/// [`POINT_MIN_COUNT`] points gives `Failed`.
+/// (they must face the sensor, like the reference's) and estimated otherwise. A template that as a reference would be
+/// refused (too few points, all in one place), and a start that is not finite, give `Failed`.
 pub fn register(
     template: &PointCloud,
     reference: &Reference,
@@ -197,10 +210,19 @@ pub fn register(
     search::run(template, reference, start, settings, seed_stream, on_stage)
 }
 
+/// Whether a cloud can be registered, as a template or as a reference.
+///
+/// # Errors
+/// When there are fewer than [`POINT_MIN_COUNT`] points, all of them coincide, or coordinates or extent are beyond what
+/// can be computed with.
+pub fn can_be_registered(cloud: &PointCloud) -> Result<(), RegisterError> {
+    reference::centroid_and_radius(cloud).map(|_| ())
+}
+
 /// Registers two clouds with nothing known about the motion between them: from the identity, seed 1.
 ///
 /// # Errors
-/// When a cloud has too few points to register.
+/// When a cloud has too few points to register, no extent, or coordinates that cannot be computed with.
 ///
 /// ```
 /// use bladescan::geometry::PointCloud;
@@ -227,12 +249,7 @@ pub fn register_pair(
     reference: &PointCloud,
     settings: &Settings,
 ) -> Result<Registration, RegisterError> {
-    if template.len() < POINT_MIN_COUNT {
-        return Err(RegisterError::TooFewPoints {
-            count: template.len(),
-            needed: POINT_MIN_COUNT,
-        });
-    }
+    can_be_registered(template)?;
     let settings = Settings {
         weak_directions: WeakDirections::Report,
         ..settings.clone()

@@ -41,9 +41,15 @@ pub enum RegisterError {
         /// How many are needed.
         needed: usize,
     },
-    /// All points coincide.
+    /// All points coincide, as far as double precision can tell.
     #[error("a cloud of {count} points in one place cannot be registered")]
     NoExtent {
+        /// How many points there are.
+        count: usize,
+    },
+    /// A coordinate is larger than 1e50, or the extent is smaller than 1e-50: powers of lengths would not be numbers.
+    #[error("a cloud of {count} points with coordinates beyond 1e50 or an extent below 1e-50 cannot be computed with")]
+    OutOfRange {
         /// How many points there are.
         count: usize,
     },
@@ -59,20 +65,10 @@ impl Reference {
     /// otherwise only the angle between the two surfaces' tangent planes counts.
     ///
     /// # Errors
-    /// When there are fewer than [`POINT_MIN_COUNT`] points or all of them coincide.
+    /// When there are fewer than [`POINT_MIN_COUNT`] points, all of them coincide, or coordinates or extent are beyond
+    /// what can be computed with.
     pub fn new(cloud: &PointCloud) -> Result<Self, RegisterError> {
-        let count = cloud.len();
-        if count < POINT_MIN_COUNT {
-            return Err(RegisterError::TooFewPoints {
-                count,
-                needed: POINT_MIN_COUNT,
-            });
-        }
-        let centroid = cloud.centroid();
-        let radius = rms_radius(cloud.points(), &centroid);
-        if radius <= 0.0 || !radius.is_finite() {
-            return Err(RegisterError::NoExtent { count });
-        }
+        let (centroid, radius) = centroid_and_radius(cloud)?;
         let tree = NearestPoints::new(cloud.points());
         let spacing = median_spacing(cloud.points(), &tree, radius);
         let roughness = roughness_of(cloud.points(), &tree);
@@ -169,6 +165,34 @@ pub(super) fn estimated(cloud: &PointCloud, tree: &NearestPoints) -> (PointCloud
     }
 }
 
+/// Centroid and radius of a cloud that can be registered.
+pub(super) fn centroid_and_radius(cloud: &PointCloud) -> Result<(Point3<f64>, f64), RegisterError> {
+    let count = cloud.len();
+    if count < POINT_MIN_COUNT {
+        return Err(RegisterError::TooFewPoints {
+            count,
+            needed: POINT_MIN_COUNT,
+        });
+    }
+    let points = cloud.points();
+    if points.iter().all(|point| *point == points[0]) {
+        return Err(RegisterError::NoExtent { count });
+    }
+    let largest = points.iter().map(|point| point.coords.amax()).fold(0.0, f64::max);
+    if largest > LENGTH_MAX {
+        return Err(RegisterError::OutOfRange { count });
+    }
+    let centroid = cloud.centroid();
+    let radius = rms_radius(points, &centroid);
+    if radius < LENGTH_MIN {
+        return Err(RegisterError::OutOfRange { count });
+    }
+    if radius <= ROUNDINGS * f64::EPSILON * largest {
+        return Err(RegisterError::NoExtent { count });
+    }
+    Ok((centroid, radius))
+}
+
 /// The root mean square distance of `points` from `centre`.
 pub(super) fn rms_radius(points: &[Point3<f64>], centre: &Point3<f64>) -> f64 {
     let sum: f64 = points.iter().map(|point| (point - centre).norm_squared()).sum();
@@ -199,6 +223,11 @@ fn median_spacing(points: &[Point3<f64>], tree: &NearestPoints, radius: f64) -> 
         .unwrap_or(radius / (points.len() as f64).sqrt())
 }
 
+/// Beyond these the sixth power of a length leaves the range of double precision.
+const LENGTH_MAX: f64 = 1e50;
+const LENGTH_MIN: f64 = 1e-50;
+/// A radius of this many roundings of the largest coordinate is none.
+const ROUNDINGS: f64 = 16.0;
 const SPACING_SAMPLE_COUNT: usize = 1000;
 const ROUGHNESS_SAMPLE_COUNT: usize = 500;
 /// Neighbours in a plane fit of an unorganised cloud.

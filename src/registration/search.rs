@@ -9,11 +9,9 @@ use super::consistency::{Judge, residuals};
 use super::icp::{Problem, Refined, Sample, finish};
 use super::mpe::{Descent, descend};
 use super::nfi::minimum;
-use super::reference::{estimated, rms_radius, roughness_of};
+use super::reference::{centroid_and_radius, estimated, roughness_of};
 use super::uncertainty::{Tolerance, covariance_of_minimum, determination, may_be_preferred};
-use super::{
-    Determination, FineStage, Overlap, POINT_MIN_COUNT, Reference, Registration, Search, Settings, Stage, Status,
-};
+use super::{Determination, FineStage, Overlap, Reference, Registration, Search, Settings, Stage, Status};
 use crate::geometry::PointCloud;
 use crate::geometry::nearest::NearestPoints;
 use crate::geometry::normals::Roughness;
@@ -30,10 +28,7 @@ pub(super) fn run(
     let overlap_distance = settings
         .overlap_distance
         .unwrap_or(reference.default_overlap_distance());
-    let centroid = template.centroid();
-    let radius = rms_radius(template.points(), &centroid);
-    let last_level = settings.icp.levels.last();
-    let (Some(last_level), true) = (last_level, template.len() >= POINT_MIN_COUNT && radius > 0.0) else {
+    let (Some(last_level), Ok((centroid, radius))) = (settings.icp.levels.last(), centroid_and_radius(template)) else {
         let (overlap, rmse) = residuals(template, reference, start, overlap_distance);
         return Registration::failed(start, overlap, rmse);
     };
@@ -111,6 +106,7 @@ pub(super) fn run(
     let fine = if noisy {
         candidates.extend(refined.iter().map(|candidate| candidate.pose));
         work.fine_of_noisy(&fine_sample, &candidates, &mut rng)
+            .map(|(fine, ambiguous)| (fine.weighed(&work.problem, start, settings.weak_directions), ambiguous))
     } else {
         let pose = &refined[chosen].pose;
         finish(

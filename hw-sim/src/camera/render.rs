@@ -120,11 +120,6 @@ impl Renderer {
         })
     }
 
-    /// The noise settings.
-    pub fn noise(&self) -> &SurfaceNoise {
-        &self.noise
-    }
-
     /// Takes one frame. Equal arguments give equal bits, whatever the number of threads.
     ///
     /// A blade out of view, behind the camera or out of range gives a frame without valid points.

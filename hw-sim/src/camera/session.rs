@@ -10,6 +10,7 @@ use crate::camera::message::{Aborted, Caps, Configured, FrameEnd, Message, NO_TR
 use crate::camera::render::{Capture, Frame};
 use crate::camera::settings::{Settings, SettingsError};
 use crate::camera::transfer::{self, Transfer};
+use crate::checks::refuse_first;
 use crate::fault::Fault;
 
 /// State between HELLO and the end of the connection.
@@ -126,15 +127,13 @@ impl Session {
 
     /// State after it.
     pub(crate) fn arm(&mut self, mode: u8, config_id: u32) -> Result<u8, Refusal> {
-        if self.state() != STATE_IDLE {
-            return Err(Refusal::new(203, "arm in IDLE only"));
-        }
-        if mode != MODE_SOFTWARE {
-            return Err(Refusal::new(301, "only the software trigger is served"));
-        }
-        if self.config.as_ref().is_none_or(|config| config.id != config_id) {
-            return Err(Refusal::new(206, "these settings are not in force"));
-        }
+        let is_in_force = self.config.as_ref().is_some_and(|config| config.id == config_id);
+        refuse_first([
+            (self.state() != STATE_IDLE, (203, "arm in IDLE only")),
+            (mode != MODE_SOFTWARE, (301, "only the software trigger is served")),
+            (!is_in_force, (206, "these settings are not in force")),
+        ])
+        .map_err(|(code, text)| Refusal::new(code, text))?;
         self.is_armed = true;
         Ok(self.state())
     }

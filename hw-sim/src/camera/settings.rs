@@ -6,6 +6,7 @@ use thiserror::Error;
 
 use crate::camera::fields::{Field, FieldError, Zero, wire_struct};
 use crate::camera::message::Caps;
+use crate::checks::refuse_first;
 
 wire_struct! {
     /// Region of interest.
@@ -184,9 +185,8 @@ impl Settings {
                 volume.on == 0 || volume.on == 1 && volume.is_ordered(),
             ),
         ];
-        if let Some((tag, _)) = ranges.into_iter().find(|(_, is_inside)| !is_inside) {
-            return Err(SettingsError::OutOfRange(tag));
-        }
+        let outside = ranges.map(|(tag, is_inside)| (!is_inside, SettingsError::OutOfRange(tag)));
+        refuse_first(outside)?;
         if self.binning == 0 {
             self.roi.check(caps)?;
         }

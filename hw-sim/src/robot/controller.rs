@@ -6,6 +6,7 @@ use std::collections::VecDeque;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use crate::checks::refuse_first;
 use crate::fault::Fault;
 use crate::robot::hses::{self, Refusal, Request};
 use crate::robot::motion::Motion;
@@ -50,7 +51,6 @@ pub struct Controller {
     incident: Option<(u64, Incident)>,
     accepted_move_count: u32,
     answer_count: u64,
-    violation_count: u64,
     outputs: VecDeque<RobotOutput>,
 }
 
@@ -116,19 +116,17 @@ impl Controller {
             incident: None,
             accepted_move_count: 0,
             answer_count: 0,
-            violation_count: 0,
             outputs: VecDeque::new(),
             settings,
         }
     }
 
-    /// Takes one datagram. A malformed one is counted and not answered.
+    /// Takes one datagram. A malformed one is told and not answered.
     pub fn handle_datagram(&mut self, now_ns: u64, from: SocketAddr, datagram: &[u8]) {
         self.advance(now_ns);
         let request = match Request::parse(datagram) {
             Ok(request) => request,
             Err(malformed) => {
-                self.violation_count += 1;
                 self.outputs
                     .push_back(RobotOutput::Violation(format!("hses from {from}: {malformed}")));
                 return;
@@ -185,11 +183,6 @@ impl Controller {
     /// Moves accepted so far.
     pub fn accepted_move_count(&self) -> u32 {
         self.accepted_move_count
-    }
-
-    /// Malformed datagrams so far.
-    pub fn violation_count(&self) -> u64 {
-        self.violation_count
     }
 
     /// Lets everything happen that is due: the incident of a fault first, then the end of the move.
@@ -326,17 +319,14 @@ impl Controller {
 
     fn accept_move(&mut self, now_ns: u64, request: &Request) -> Reply {
         self.check_remote()?;
-        let state = [
-            (!self.is_playing, WRONG_MODE),
-            (!self.alarms.is_empty(), ALARM_PRESENT),
-            (self.is_held_by_pendant, HELD_BY_PENDANT),
-            (self.is_held_by_command, HELD_BY_COMMAND),
-            (!self.is_servo_on, SERVO_OFF),
-            (self.motion.is_some(), MOVING),
-        ];
-        if let Some((_, code)) = state.into_iter().find(|(refuses, _)| *refuses) {
-            return Err(Refusal::Failed(code));
-        }
+        refuse_first([
+            (!self.is_playing, Refusal::Failed(WRONG_MODE)),
+            (!self.alarms.is_empty(), Refusal::Failed(ALARM_PRESENT)),
+            (self.is_held_by_pendant, Refusal::Failed(HELD_BY_PENDANT)),
+            (self.is_held_by_command, Refusal::Failed(HELD_BY_COMMAND)),
+            (!self.is_servo_on, Refusal::Failed(SERVO_OFF)),
+            (self.motion.is_some(), Refusal::Failed(MOVING)),
+        ])?;
         let order = MoveOrder::read(request, &self.settings)?;
         self.begin_move(now_ns, order);
         Ok(Vec::new())
@@ -392,19 +382,11 @@ impl Controller {
     }
 
     fn check_remote(&self) -> Result<(), Refusal> {
-        if self.is_remote {
-            Ok(())
-        } else {
-            Err(Refusal::Failed(NOT_REMOTE))
-        }
+        refuse_first([(!self.is_remote, Refusal::Failed(NOT_REMOTE))])
     }
 
     fn check_no_alarm(&self) -> Result<(), Refusal> {
-        if self.alarms.is_empty() {
-            Ok(())
-        } else {
-            Err(Refusal::Failed(ALARM_PRESENT))
-        }
+        refuse_first([(!self.alarms.is_empty(), Refusal::Failed(ALARM_PRESENT))])
     }
 
     /// Drawn from the seed and the count of the answer.

@@ -141,10 +141,12 @@ fn pulses_have_instance_1_and_no_other_instance_but_the_base_exists() {
 }
 
 #[test]
-fn a_malformed_datagram_is_counted_and_not_answered() {
+fn a_malformed_datagram_is_told_and_not_answered() {
     let mut robot = controller(&[]);
-    assert_eq!(ask(&mut robot, 0, b"YERC"), None);
-    assert_eq!(robot.violation_count(), 1);
+    let from = ([127, 0, 0, 1], 5000).into();
+    robot.handle_datagram(0, from, b"YERC");
+    assert!(matches!(robot.poll_output(), Some(RobotOutput::Violation(_))));
+    assert_eq!(robot.poll_output(), None);
 }
 
 #[test]

@@ -38,7 +38,7 @@ struct Piece {
 
 impl Motion {
     /// Move from a standing arm to `target`, begun at `begin_ns`. Line and turn end together; neither is faster than
-    /// [`LINE_MAX_MM_S`] or [`TURN_MAX_RAD_S`]. A move to where the arm stands takes no time.
+    /// [`LINE_MAX_MM_S`] or [`TURN_MAX_RAD_S`]. A move to where the arm stands, written as it may be, takes no time.
     pub fn new(begin_ns: u64, start: Pose, target: Pose, rate: Rate, speed: f64) -> Self {
         let (from, to) = (start.to_isometry(), target.to_isometry());
         let distance_mm = (to.translation.vector - from.translation.vector).norm();
@@ -49,7 +49,7 @@ impl Motion {
             Rate::Turn(rad_s) => (angle_rad / rad_s).max(shortest_s),
             Rate::Share(share) => shortest_s / share,
         };
-        let pieces = if start == target {
+        let pieces = if duration_s < SHORTEST_S {
             Vec::new()
         } else {
             trapezoid(duration_s)
@@ -111,13 +111,8 @@ impl Motion {
 
     /// Share of the way and its rate.
     fn state(&self, now_s: f64) -> (f64, f64) {
-        let Some(piece) = self
-            .pieces
-            .iter()
-            .rev()
-            .find(|piece| piece.begin_s <= now_s)
-            .or(self.pieces.first())
-        else {
+        // The first piece begins at 0: there is one unless there is no move.
+        let Some(piece) = self.pieces.iter().rev().find(|piece| piece.begin_s <= now_s) else {
             return (1.0, 0.0);
         };
         let in_piece_s = (now_s - piece.begin_s).clamp(0.0, piece.duration_s);
@@ -173,6 +168,8 @@ pub const LINE_MAX_MM_S: f64 = 1500.0;
 pub const TURN_MAX_RAD_S: f64 = core::f64::consts::PI;
 /// Time from standing to cruising, and back.
 pub const RAMP_S: f64 = 0.2;
+/// A move that would take less than this is none: the angle between equal orientations is known to no more.
+const SHORTEST_S: f64 = 1e-7;
 const WHOLE_TOLERANCE: f64 = 1e-9;
 
 #[cfg(test)]
@@ -210,6 +207,21 @@ mod tests {
         let motion = Motion::new(7, at(1.0, 2.0), at(1.0, 2.0), Rate::ToolPoint(50.0), 1.0);
         assert_eq!(motion.end_ns(), 7);
         assert_eq!(motion.pose(7), at(1.0, 2.0));
+    }
+
+    #[test]
+    fn a_move_to_the_same_orientation_written_otherwise_takes_no_time() {
+        let written = |turn_deg: [i32; 3]| Pose {
+            position_um: [1000, 2000, 3000],
+            turn_e4_deg: turn_deg.map(|deg| 10_000 * deg),
+        };
+        // At 90 degrees about y, turns about x and z are the same.
+        let (start, target) = (written([0, 90, 0]), written([48, 90, 48]));
+        let mut motion = Motion::new(7, start, target, Rate::Turn(1.0), 1.0);
+        assert_eq!(motion.end_ns(), 7);
+        assert_eq!(motion.pose(7), target);
+        motion.stop(8);
+        assert_eq!(motion.pose(SECOND_NS), target);
     }
 
     #[test]

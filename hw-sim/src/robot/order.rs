@@ -1,5 +1,6 @@
 //! What a request must look like: its target, its value, and the fields of a move. Refusals are those of the page.
 
+use crate::checks::refuse_first;
 use crate::robot::controller::Settings;
 use crate::robot::hses::{self, Refusal, Request};
 use crate::robot::motion::Rate;
@@ -46,20 +47,16 @@ impl MoveOrder {
             (settings.workspace_min_um[axis]..=settings.workspace_max_um[axis]).contains(&position_um[axis])
         });
         let is_turn = turn_e4_deg.iter().all(|turn| (-1_800_000..=1_800_000).contains(turn));
-        let refusals = [
-            (!matches!(coordinate, COORDINATE_BASE | COORDINATE_ROBOT), COORDINATE),
-            (form != 0 || form_2 != 0, FORM_REFUSED),
-            (!(0..=63).contains(&tool), TOOL),
-            (user != 0, USER),
-            (
-                robot != 1 || reserve_1 != 0 || reserve_2 != 0 || others.iter().any(|other| *other != 0),
-                VALUE,
-            ),
-            (!is_inside || !is_turn, VALUE),
-        ];
-        if let Some((_, code)) = refusals.into_iter().find(|(refuses, _)| *refuses) {
-            return Err(Refusal::Failed(code));
-        }
+        let is_known = matches!(coordinate, COORDINATE_BASE | COORDINATE_ROBOT);
+        let is_else_zero = reserve_1 == 0 && reserve_2 == 0 && others.iter().all(|other| *other == 0);
+        refuse_first([
+            (!is_known, Refusal::Failed(COORDINATE)),
+            (form != 0 || form_2 != 0, Refusal::Failed(FORM_REFUSED)),
+            (!(0..=63).contains(&tool), Refusal::Failed(TOOL)),
+            (user != 0, Refusal::Failed(USER)),
+            (robot != 1 || !is_else_zero, Refusal::Failed(VALUE)),
+            (!is_inside || !is_turn, Refusal::Failed(VALUE)),
+        ])?;
         Ok(Self {
             target: Pose {
                 position_um,
@@ -93,24 +90,15 @@ pub(super) fn check_target(request: &Request) -> Result<(), Refusal> {
         hses::COMMAND_MOVE => (&[2], &[0, 1], hses::SERVICE_SET_ALL),
         _ => return Err(Refusal::UndefinedCommand),
     };
-    if !instances.contains(&request.instance) {
-        return Err(Refusal::NoInstance);
-    }
-    if !attributes.contains(&request.attribute) {
-        return Err(Refusal::InvalidAttribute);
-    }
-    if request.service != service {
-        return Err(Refusal::UndefinedCommand);
-    }
-    Ok(())
+    refuse_first([
+        (!instances.contains(&request.instance), Refusal::NoInstance),
+        (!attributes.contains(&request.attribute), Refusal::InvalidAttribute),
+        (request.service != service, Refusal::UndefinedCommand),
+    ])
 }
 
 pub(super) fn no_data(request: &Request) -> Result<(), Refusal> {
-    if request.data.is_empty() {
-        Ok(())
-    } else {
-        Err(Refusal::Failed(DATA_SIZE))
-    }
+    refuse_first([(!request.data.is_empty(), Refusal::Failed(DATA_SIZE))])
 }
 
 /// 1 or 2.

@@ -1,4 +1,7 @@
-//! Known motions, laws and determinism of whole registrations.
+//! Known motions, laws and edges of whole registrations.
+
+mod edges;
+mod laws;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use rand_chacha::ChaCha8Rng;
@@ -23,6 +26,10 @@ fn run(template: &PointCloud, reference: &PointCloud, start: &Isometry3<f64>, se
     )
 }
 
+fn scaled(cloud: &PointCloud, factor: f64) -> PointCloud {
+    PointCloud::from_measured(cloud.points().iter().map(|point| point * factor)).cloud
+}
+
 fn errors(truth: &Isometry3<f64>, found: &Registration) -> (f64, f64) {
     let error = truth.inverse() * found.reference_from_template;
     (error.rotation.angle(), error.translation.vector.norm())
@@ -44,80 +51,6 @@ fn a_known_motion_is_found_from_the_identity() {
     assert!(found.overlap.fraction > 0.9 && found.rmse < 0.01, "{found:?}");
     let names: Vec<_> = found.stages.iter().map(|stage| stage.name).collect();
     assert_eq!(names, ["prepare", "mpe", "coarse", "fine"]);
-}
-
-#[test]
-fn swapping_the_clouds_inverts_the_motion() {
-    let (a, b) = (blade(5000, 0.0), blade(5000, 0.5).transformed(&motion()));
-    let there = run(&a, &b, &Isometry3::identity(), &Settings::default());
-    let back = run(&b, &a, &Isometry3::identity(), &Settings::default());
-    let error = there.reference_from_template * back.reference_from_template;
-    assert!(
-        error.rotation.angle() < 2e-3 && error.translation.vector.norm() < 2e-3,
-        "{error}"
-    );
-}
-
-#[test]
-fn moving_the_reference_moves_the_answer() {
-    let (a, b) = (blade(5000, 0.0), blade(5000, 0.5).transformed(&motion()));
-    let moved = Isometry3::new(Vector3::new(3.0, -5.0, 7.0), Vector3::new(0.7, 0.2, -0.4));
-    let here = run(&a, &b, &Isometry3::identity(), &Settings::default());
-    let there = run(&a, &b.transformed(&moved), &moved, &Settings::default());
-    let error = (moved * here.reference_from_template).inverse() * there.reference_from_template;
-    assert!(
-        error.rotation.angle() < 1e-3 && error.translation.vector.norm() < 1e-3,
-        "{error}"
-    );
-}
-
-#[test]
-fn the_order_of_the_points_hardly_matters() {
-    let (a, b) = (blade(5000, 0.0), blade(5000, 0.5).transformed(&motion()));
-    let reversed: Vec<usize> = (0..a.len()).rev().collect();
-    let here = run(&a, &b, &Isometry3::identity(), &Settings::default());
-    let there = run(&a.select(&reversed), &b, &Isometry3::identity(), &Settings::default());
-    let error = here.reference_from_template.inverse() * there.reference_from_template;
-    assert!(
-        error.rotation.angle() < 1e-3 && error.translation.vector.norm() < 1e-3,
-        "{error}"
-    );
-}
-
-#[test]
-fn metres_and_millimetres_give_the_same_motion() {
-    let scale = |cloud: &PointCloud, factor: f64| {
-        PointCloud::from_measured(cloud.points().iter().map(|point| point * factor)).cloud
-    };
-    let (a, b) = (blade(5000, 0.0), blade(5000, 0.5).transformed(&motion()));
-    let here = run(&a, &b, &Isometry3::identity(), &Settings::default());
-    for factor in [1e3, 1e-3] {
-        let there = run(
-            &scale(&a, factor),
-            &scale(&b, factor),
-            &Isometry3::identity(),
-            &Settings::default(),
-        );
-        let turn = (here.reference_from_template.rotation.inverse() * there.reference_from_template.rotation).angle();
-        let shift =
-            here.reference_from_template.translation.vector - there.reference_from_template.translation.vector / factor;
-        assert!(turn < 1e-5 && shift.norm() < 1e-5, "{factor}: {turn} {shift:?}");
-        assert_eq!(here.status, there.status);
-        assert!((here.overlap.fraction - there.overlap.fraction).abs() < 1e-3);
-        assert!((here.rmse * factor / there.rmse - 1.0).abs() < 1e-2);
-    }
-}
-
-#[test]
-fn any_number_of_threads_gives_the_same_bits() {
-    let (a, b) = (blade(5000, 0.0), blade(5000, 0.5).transformed(&motion()));
-    let with = |threads| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| run(&a, &b, &Isometry3::identity(), &Settings::default()))
-    };
-    let one = with(1);
-    assert_eq!(one, with(2));
-    assert_eq!(one, with(8));
 }
 
 #[test]
@@ -215,4 +148,67 @@ fn two_walls_that_fit_the_wrong_way_round_are_not_called_converged() {
     let (upper, lower) = (part(&|p| p.z > 0.3), part(&|p| p.z < -0.3));
     let found = run(&upper, &lower, &Isometry3::identity(), &Settings::default());
     assert_ne!(found.status, Status::Converged, "{found:?}");
+}
+
+#[test]
+fn a_start_of_known_certainty_holds_a_weak_direction_softly_and_yields_in_the_others() {
+    let truth = Isometry3::new(Vector3::new(0.01, 0.012, -0.05), Vector3::new(0.0, 0.0, 0.03));
+    let reference = noisy(&extruded(8000, 0.5).transformed(&truth), 0.002, 1);
+    let template = noisy(&extruded(6000, 0.0), 0.002, 2);
+    let start = Isometry3::translation(0.0, 0.0, 0.02);
+    let with = |weak_directions| {
+        let settings = Settings {
+            weak_directions,
+            ..Settings::default()
+        };
+        run(&template, &reference, &start, &settings)
+    };
+    let free = with(WeakDirections::Report);
+    assert_eq!(free.status, Status::Weak, "{free:?}");
+    let of_surfaces = free.weak_directions[0].sigma;
+    let z = |found: &Registration| found.reference_from_template.translation.vector.z;
+    let away = z(&free) - 0.02;
+    assert!(away.abs() > 1e-3, "the surfaces have a wish of their own: {away}");
+    for factor in [0.01, 1.0, 100.0] {
+        let found = with(WeakDirections::Weigh(StartSigma {
+            turn_rad: 0.1,
+            shift: factor * of_surfaces,
+        }));
+        let expected = 0.02 + away * factor * factor / (factor * factor + 1.0);
+        assert!(
+            (z(&found) - expected).abs() < 0.1 * away.abs(),
+            "{factor}: {} is not {expected}",
+            z(&found)
+        );
+        assert_eq!(found.status, Status::Weak);
+        let sigma = found.covariance.unwrap()[(5, 5)].sqrt();
+        let expected = of_surfaces * factor / (factor * factor + 1.0).sqrt();
+        assert!(
+            (sigma / expected - 1.0).abs() < 0.1,
+            "{factor}: {sigma} is not {expected}"
+        );
+        if factor >= 1.0 {
+            let shift = found.reference_from_template.translation.vector;
+            assert!((shift.xy() - truth.translation.vector.xy()).norm() < 2e-3, "{shift:?}");
+        }
+    }
+}
+
+#[test]
+fn among_noise_too_a_certain_start_is_kept_and_an_uncertain_one_is_not() {
+    let template = blade(1500, 0.0);
+    let reference = noisy(&template, 0.08, 3);
+    let start = Isometry3::translation(0.03, 0.0, 0.0);
+    let with = |sigma: f64| {
+        let settings = Settings {
+            weak_directions: WeakDirections::Weigh(StartSigma {
+                turn_rad: sigma,
+                shift: sigma,
+            }),
+            ..Settings::default()
+        };
+        run(&template, &reference, &start, &settings).reference_from_template
+    };
+    assert!((with(1e-6).translation.vector.x - 0.03).abs() < 1e-3);
+    assert!(with(10.0).translation.vector.norm() < 0.015, "{:?}", with(10.0));
 }
