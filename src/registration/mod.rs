@@ -16,8 +16,10 @@ mod consistency;
 mod facing;
 mod nfi;
 mod normal_matrix;
+mod point_pairs;
 mod reference;
 mod search;
+mod sight;
 #[cfg(test)]
 pub(crate) mod testing;
 #[cfg(test)]
@@ -29,7 +31,6 @@ use nalgebra::{Isometry3, Matrix6, Vector6};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
-pub use self::consistency::overlap;
 pub use self::field::Summation;
 pub use self::icp::{IcpLevel, IcpSettings, Metric, Trimming};
 pub use self::mpe::{Formulation, Halving, MpeSettings, Stop};
