@@ -85,6 +85,8 @@ pub(super) struct Score {
     /// The share; for two views the mean of both clouds' shares, less that of the points that contradict the other view:
     /// -1 to 1.
     pub(super) value: f64,
+    /// The mean share of both clouds that contradicts the other view; 0 unless both are views.
+    pub(super) contradiction: f64,
     /// Whether the normals agree when all those of the template are reversed.
     pub(super) reversed: bool,
 }
@@ -122,6 +124,7 @@ impl Judge<'_> {
             return Score {
                 share,
                 value: share,
+                contradiction: 0.0,
                 reversed,
             };
         };
@@ -135,25 +138,22 @@ impl Judge<'_> {
         // The normals of both clouds face their cameras, or those of both face away; or one of each, and reversed.
         let together = [here.facing + there.facing, here.averted + there.averted];
         let apart = [here.facing + there.averted, here.averted + there.facing];
-        let value = |index: usize, contradiction: f64| (shares[index] + others[index] - contradiction) / 2.0;
-        let [same, opposite] = [value(0, together[0].min(together[1])), value(1, apart[0].min(apart[1]))];
-        match self.sides {
-            Sides::OneOfTwo if opposite > same => Score {
-                share: shares[1],
-                value: opposite,
-                reversed: true,
-            },
-            Sides::OneOfTwo => Score {
+        let score = |reversed: bool, contradiction: f64| {
+            let index = usize::from(reversed);
+            let shares = [shares[index], others[index]];
+            Score {
                 share: shares[0],
-                value: same,
-                reversed: false,
-            },
-            Sides::Known | Sides::Unknown => Score {
-                share: shares[0],
-                value: value(0, together[0]),
-                reversed: false,
-            },
+                value: (shares[0] + shares[1] - CONTRADICTION_WEIGHT * contradiction) / 2.0,
+                contradiction: contradiction / 2.0,
+                reversed,
+            }
+        };
+        if self.sides != Sides::OneOfTwo {
+            return score(false, together[0]);
         }
+        let same = score(false, together[0].min(together[1]));
+        let opposite = score(true, apart[0].min(apart[1]));
+        if opposite.value > same.value { opposite } else { same }
     }
 
     /// The shares of the sample that lie on a surface with normals that agree, and with normals that oppose it.
@@ -195,3 +195,6 @@ const CHUNK_COUNT: usize = 1024;
 const JUDGE_CHUNK_COUNT: usize = 256;
 /// Least cosine between the normals of a point and the surface that it is said to lie on.
 const AGREEMENT: f64 = 0.85;
+/// A point that contradicts a view weighs as much as this many points that fit: the right pose has hardly any, a wrong one
+/// can well fit in places. From 3 to 8 the choice is the same.
+const CONTRADICTION_WEIGHT: f64 = 3.0;

@@ -20,7 +20,8 @@ struct Voted {
 
 /// Poses of `template` on `reference` with the most votes first, at most `count`, clearly different from each other.
 ///
-/// The normals' signs count. `radius` is the clouds' size. Work grows with the square of the samples.
+/// The normals' signs count. `radius` is the template's. Work grows with the square of the samples, which hold at most
+/// 65,536 points each. Samples without pairs that are not flat give no pose.
 pub(super) fn voted_poses(template: &Sample, reference: &Sample, radius: f64, count: usize) -> Vec<Isometry3<f64>> {
     let Some(table) = Table::new(reference, radius) else {
         return Vec::new();
@@ -58,11 +59,13 @@ pub(super) fn voted_poses(template: &Sample, reference: &Sample, radius: f64, co
 /// The pairs of the reference by their four numbers.
 struct Table<'a> {
     reference: &'a Sample,
+    /// The motion that lays each point on the origin and its normal along x.
     frames: Vec<Isometry3<f64>>,
     /// Where the pairs of each key begin in `pairs`; one more than there are keys.
     begins: Vec<u32>,
     /// First point and turn about its normal.
     pairs: Vec<(u16, f32)>,
+    /// Keys with more pairs than this are passed over.
     common: f64,
 }
 
@@ -206,16 +209,79 @@ fn mean(points: &[Point3<f64>]) -> Point3<f64> {
     Point3::from(sum / points.len().max(1) as f64)
 }
 
-const ORIGIN_COUNT: usize = 60;
-const TURN_COUNT: usize = 30;
+/// How many template points let their pairs vote, and how many poses of each are kept.
+const ORIGIN_COUNT: usize = 100;
 const PEAK_COUNT: usize = 5;
+/// Turns about a normal in 12-degree steps.
+const TURN_COUNT: usize = 30;
+/// Distances in steps of this multiple of the radius: nearer pairs than the least have no direction among noise, farther
+/// ones hardly lie both in what two views share.
 const DISTANCE_FACTOR: f64 = 0.12;
 const DISTANCE_MIN: f64 = 2.0;
 const DISTANCE_COUNT: usize = 16;
+/// Angles in 15-degree steps.
 const ANGLE_COUNT: usize = 12;
 const KEY_COUNT: usize = DISTANCE_COUNT * ANGLE_COUNT * ANGLE_COUNT * ANGLE_COUNT;
+/// Pairs with a larger cosine between the normals and smaller slopes lie in one plane and determine nothing.
 const FLAT: f64 = 0.96;
 const FLAT_SLOPE: f64 = 0.2;
+/// Keys with more pairs than this many times the mean say little and cost much.
 const COMMON_FACTOR: f64 = 10.0;
+/// Poses nearer to each other than this are one: 14 degrees, a fifth of the radius.
 const CLUSTER_RAD: f64 = 0.25;
 const CLUSTER_FACTOR: f64 = 0.2;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::PointCloud;
+    use crate::geometry::nearest::NearestPoints;
+    use crate::geometry::normals::with_estimated_normals;
+    use crate::registration::testing::blade;
+
+    /// What a camera far away at `direction` sees of a blade, roughly: what faces it.
+    fn view(phase: f64, direction: &Vector3<f64>) -> PointCloud {
+        let whole = blade(4000, phase);
+        let tree = NearestPoints::new(whole.points());
+        let camera = Point3::from(direction * 1e3);
+        let centroid = whole.centroid();
+        let seen: Vec<usize> = (0..whole.len())
+            .filter(|&i| (whole.points()[i] - centroid).dot(direction) > 0.0)
+            .collect();
+        with_estimated_normals(&whole, &tree, 12, Some(&camera)).select(&seen)
+    }
+
+    fn sample(cloud: &PointCloud) -> Sample {
+        let indices = crate::geometry::sampling::even_indices(cloud.len(), 400);
+        let cloud = cloud.select(&indices);
+        Sample {
+            points: cloud.points().to_vec(),
+            normals: cloud.normals().map(<[_]>::to_vec).unwrap_or_default(),
+        }
+    }
+
+    #[test]
+    fn two_views_vote_for_their_motion_whatever_it_is() {
+        let truth = Isometry3::new(Vector3::new(3.0, -1.0, 0.5), Vector3::new(1.1, -1.9, 0.7));
+        let template = view(0.0, &Vector3::new(0.9, 0.3, 0.3).normalize());
+        let reference = view(0.5, &Vector3::new(0.7, 0.6, 0.4).normalize()).transformed(&truth);
+        let found = voted_poses(&sample(&template), &sample(&reference), 0.7, 5);
+        let near = found.iter().any(|pose| {
+            let error = truth.inverse() * pose;
+            error.rotation.angle() < 0.3 && error.translation.vector.norm() < 0.3
+        });
+        assert!(near, "{found:?}");
+    }
+
+    #[test]
+    fn a_plane_votes_for_nothing() {
+        let points: Vec<_> = (0..400)
+            .map(|i| Point3::new(f64::from(i % 20), f64::from(i / 20), 0.0))
+            .collect();
+        let plane = Sample {
+            normals: vec![Vector3::z(); points.len()],
+            points,
+        };
+        assert!(voted_poses(&plane, &plane, 8.0, 5).is_empty());
+    }
+}

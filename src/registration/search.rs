@@ -170,9 +170,6 @@ impl<'a> Work<'a> {
             stages.end("coarse", coarse.iterations);
             self.fine_of_noisy(&candidates, rng)
         } else {
-            if self.settings.search == Search::Everywhere && !self.are_views() {
-                iterations += self.add_global_candidates(&mut candidates, rng);
-            }
             stages.end("mpe", iterations);
             let mut coarse = self.coarse(judge, rng);
             candidates.iter().for_each(|candidate| coarse.add(candidate));
@@ -210,7 +207,7 @@ impl<'a> Work<'a> {
             coarse.add_near_poses(&self.voted_poses(rng));
             return;
         }
-        if search == Search::Automatic {
+        if search != Search::Near {
             let near_count = candidates.len();
             coarse.iterations += self.add_global_candidates(candidates, rng);
             candidates[near_count..]
@@ -298,7 +295,8 @@ impl<'a> Work<'a> {
             level,
             self.settings.weak_directions,
         )?;
-        let ambiguous = self.is_ambiguous(&rivals(&coarse.refined, choose(&coarse.refined)), &fine);
+        let rivals = rivals(&coarse.refined, choose(&coarse.refined));
+        let ambiguous = self.is_ambiguous(&rivals, &fine) || coarse.is_contradicted(&fine.pose);
         Some(Solved { fine, ambiguous })
     }
 
@@ -480,10 +478,10 @@ const GLOBAL_KEPT_COUNT: usize = 6;
 const NEAR_TEMPLATE_COUNT: usize = 2000;
 const NEAR_REFERENCE_FACTOR: usize = 8;
 /// How many points of each cloud are looked at in a glance.
-const GLANCE_COUNT: usize = 300;
+const GLANCE_COUNT: usize = 400;
 /// How many points of each cloud vote for poses, and how many poses come of it.
-const VOTER_COUNT: usize = 300;
-const VOTED_COUNT: usize = 40;
+const VOTER_COUNT: usize = 600;
+const VOTED_COUNT: usize = 100;
 /// From this fuzziness on there is no surface to register to, only points.
 const NOISY_FUZZINESS: f64 = 0.58;
 /// Among noise a motion with a larger standard deviation than this is weak: a degree, three hundredths of the radius.

@@ -216,3 +216,51 @@ fn two_walls_that_fit_the_wrong_way_round_are_not_called_converged() {
     let found = run(&upper, &lower, &Isometry3::identity(), &Settings::default());
     assert_ne!(found.status, Status::Converged, "{found:?}");
 }
+
+/// The half of a blade that a camera far away towards `direction` has before the blade's middle.
+fn half(phase: f64, direction: &Vector3<f64>) -> PointCloud {
+    let whole = blade(6000, phase);
+    let centroid = whole.centroid();
+    let kept: Vec<usize> = (0..whole.len())
+        .filter(|&i| (whole.points()[i] - centroid).dot(direction) > 0.0)
+        .collect();
+    whole.select(&kept)
+}
+
+#[test]
+fn views_turned_at_will_are_found_or_said_to_be_ambiguous() {
+    let camera = |azimuth: f64| Vector3::new(azimuth.cos(), azimuth.sin(), 0.4).normalize();
+    let settings = Settings {
+        search: Search::Automatic,
+        ..Settings::default()
+    };
+    let mut found_count = 0;
+    for turn in [Vector3::new(2.0, -1.0, 0.5), Vector3::new(-0.3, 0.4, 3.0)] {
+        let truth = Isometry3::new(Vector3::new(0.4, -0.8, 1.5), turn);
+        let reference = half(0.5, &camera(1.2)).transformed(&truth);
+        let found = run(&half(0.0, &camera(0.9)), &reference, &Isometry3::identity(), &settings);
+        let (turned, shifted) = errors(&truth, &found);
+        let is_right = turned < 0.02 && shifted < 0.05;
+        assert!(
+            is_right || found.status != Status::Converged,
+            "{turn}: {turned} {shifted} {found:?}"
+        );
+        found_count += usize::from(is_right);
+    }
+    assert_eq!(found_count, 2);
+}
+
+#[test]
+fn coordinates_whose_squares_overflow_fail_without_a_panic() {
+    let points = blade(1000, 0.0).points().iter().map(|p| p * 5e153).collect::<Vec<_>>();
+    let huge = PointCloud::from_measured(points).cloud;
+    let start = Isometry3::identity();
+    let small = Reference::new(&blade(1000, 0.0)).unwrap();
+    let seed = || ChaCha8Rng::seed_from_u64(5);
+    let found = register(&huge, &small, &start, &Settings::default(), seed(), &mut |_| {});
+    assert_eq!((found.status, found.reference_from_template), (Status::Failed, start));
+    if let Ok(reference) = Reference::new(&huge) {
+        let found = register(&huge, &reference, &start, &Settings::default(), seed(), &mut |_| {});
+        assert_ne!(found.status, Status::Converged);
+    }
+}
