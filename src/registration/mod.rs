@@ -93,7 +93,8 @@ pub enum Search {
     },
     /// As `Near`, and as `Everywhere` when that does not explain most of the template or the clouds are noisy.
     Automatic,
-    /// MPE from the start and from 24 rotations spread over all of SO(3) with the centroids laid on each other.
+    /// MPE from the start; for two single views the poses that pairs of oriented points vote for, otherwise MPE from 24
+    /// rotations spread over all of SO(3) with the centroids laid on each other.
     Everywhere,
 }
 
