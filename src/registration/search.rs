@@ -103,8 +103,6 @@ struct Solved {
 struct Work<'a> {
     template: Cow<'a, PointCloud>,
     tree: NearestPoints,
-    /// The template's.
-    spacing: f64,
     reference: &'a Reference,
     problem: Problem<'a>,
     settings: &'a Settings,
@@ -132,7 +130,6 @@ impl<'a> Work<'a> {
         };
         let sides = sides.with(reference.sides());
         Some(Self {
-            spacing: median_spacing(template.points(), &tree, radius),
             tree,
             template,
             reference,
@@ -233,6 +230,7 @@ impl<'a> Work<'a> {
             Sample::of(self.reference.points(), self.reference.normals(), count, rng)
         };
         let normals = self.template.normals().unwrap_or(&[]);
+        let spacing = median_spacing(self.template.points(), &self.tree, self.problem.radius);
         Some(Views {
             template: &self.template,
             tree: &self.tree,
@@ -241,7 +239,7 @@ impl<'a> Work<'a> {
                 self.reference.normals(),
                 self.reference.spacing(),
             )?,
-            template_sight: Sight::new(self.template.points(), normals, self.spacing)?,
+            template_sight: Sight::new(self.template.points(), normals, spacing)?,
             sample: reference(JUDGE_COUNT, rng),
             glances: [self.sample(GLANCE_COUNT, rng), reference(GLANCE_COUNT, rng)],
         })
