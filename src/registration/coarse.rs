@@ -1,11 +1,10 @@
 //! The coarse levels of trimmed ICP over several candidates, and the choice between them.
 
-use nalgebra::{Isometry3, Point3, Vector3, Vector6};
+use nalgebra::{Isometry3, Point3};
 
 use super::consistency::{Judge, Score, Views, residuals};
 use super::facing::Sides;
 use super::icp::{IcpLevel, Problem, Sample};
-use super::twist::moved;
 use super::{IcpSettings, Settings};
 use crate::geometry::PointCloud;
 
@@ -57,35 +56,15 @@ impl<'a> Coarse<'a> {
         self.refined.push(refined);
     }
 
-    /// Refines turned starts on the first level, and the most consistent few of them on the others.
-    ///
-    /// For views far apart: there neither the start nor the fall from it is in the basin of the solution.
-    pub(super) fn add_turned_starts(&mut self, start: &Isometry3<f64>) {
-        let levels = self.level_count();
-        let pivot = start * self.problem.centroid;
-        let mut first: Vec<Candidate> = Vec::new();
-        for turn in turns() {
-            let turned = self.judged(moved(start, &pivot, &turn));
-            first.push(self.refined_over(0..levels.min(1), &turned));
-        }
-        for candidate in best_of(first, TURNED_KEPT_COUNT) {
-            let refined = self.refined_over(levels.min(1)..levels, &candidate);
-            self.refined.push(refined);
-        }
-    }
-
-    /// Refines the most consistent few of `poses` that may be near the solution, from a narrow reach on.
+    /// Refines the best few of `poses` that may be near the solution, from a narrow reach on.
     ///
     /// Views far apart share little of their surfaces: a wide reach would pull what they do not share together.
     pub(super) fn add_near_poses(&mut self, poses: &[Isometry3<f64>]) {
-        let levels = self.level_count();
-        let seen = poses
-            .iter()
-            .map(|pose| Candidate {
-                pose: *pose,
-                score: self.judge.glance(pose),
-            })
-            .collect();
+        let glanced = |pose: &Isometry3<f64>| Candidate {
+            pose: *pose,
+            score: self.judge.glance(pose),
+        };
+        let seen: Vec<Candidate> = poses.iter().map(glanced).collect();
         let mut narrow: Vec<Candidate> = Vec::new();
         for candidate in best_of(seen, NARROW_COUNT) {
             narrow.push(self.narrowed(&candidate));
@@ -97,6 +76,7 @@ impl<'a> Coarse<'a> {
                 kept.push(candidate);
             }
         }
+        let levels = self.level_count();
         for candidate in kept {
             let refined = self.refined_over(levels.min(1)..levels, &candidate);
             self.refined.push(refined);
@@ -216,37 +196,6 @@ pub(super) fn distinct(a: &Isometry3<f64>, b: &Isometry3<f64>, centroid: &Point3
     turn > DISTINCT_RAD || shift > DISTINCT_FACTOR * radius
 }
 
-/// Turns both ways about the axes and the diagonals of a cube.
-fn turns() -> Vec<Vector6<f64>> {
-    let axes = [
-        [1.0, 0.0, 0.0],
-        [0.0, 1.0, 0.0],
-        [0.0, 0.0, 1.0],
-        [1.0, 1.0, 1.0],
-        [-1.0, 1.0, 1.0],
-        [1.0, -1.0, 1.0],
-        [1.0, 1.0, -1.0],
-        [0.0, 1.0, 1.0],
-        [0.0, 1.0, -1.0],
-        [1.0, 0.0, 1.0],
-        [1.0, 0.0, -1.0],
-        [1.0, 1.0, 0.0],
-        [1.0, -1.0, 0.0],
-    ];
-    let mut turns = Vec::new();
-    for angle in TURNS_RAD {
-        for axis in axes {
-            let turn = Vector3::from(axis).normalize() * angle;
-            turns.push(Vector6::new(turn.x, turn.y, turn.z, 0.0, 0.0, 0.0));
-        }
-    }
-    turns
-}
-
-/// How far turned starts are turned.
-const TURNS_RAD: [f64; 2] = [0.75, -0.75];
-/// How many of the turned starts are refined further.
-const TURNED_KEPT_COUNT: usize = 4;
 /// How many poses are refined on the narrow level, and how many of these further.
 const NARROW_COUNT: usize = 24;
 const NEAR_KEPT_COUNT: usize = 6;

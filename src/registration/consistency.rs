@@ -135,24 +135,32 @@ impl Judge<'_> {
         });
         let here = views.reference_sight.contradiction(&sample.points, pose);
         let there = views.template_sight.contradiction(&other.points, &back);
-        // The normals of both clouds face their cameras, or those of both face away; or one of each, and reversed.
-        let together = [here.facing + there.facing, here.averted + there.averted];
-        let apart = [here.facing + there.averted, here.averted + there.facing];
-        let score = |reversed: bool, contradiction: f64| {
+        let score = |reversed: bool, contradiction: f64, cost: f64| {
             let index = usize::from(reversed);
             let shares = [shares[index], others[index]];
             Score {
                 share: shares[0],
-                value: (shares[0] + shares[1] - CONTRADICTION_WEIGHT * contradiction) / 2.0,
+                value: (shares[0] + shares[1] - CONTRADICTION_WEIGHT * contradiction) / 2.0 - cost,
                 contradiction: contradiction / 2.0,
                 reversed,
             }
         };
+        let same = score(false, here.facing + there.facing, 0.0);
         if self.sides != Sides::OneOfTwo {
-            return score(false, together[0]);
+            return same;
         }
-        let same = score(false, together[0].min(together[1]));
-        let opposite = score(true, apart[0].min(apart[1]));
+        // Where the normals of one cloud must be reversed, that is the one whose side was less sure.
+        let apart = if views.reference_sight.camera().bulge >= views.template_sight.camera().bulge {
+            here.facing + there.averted
+        } else {
+            here.averted + there.facing
+        };
+        let least = views
+            .reference_sight
+            .camera()
+            .bulge
+            .min(views.template_sight.camera().bulge);
+        let opposite = score(true, apart, REVERSED_COST * least);
         if opposite.value > same.value { opposite } else { same }
     }
 
@@ -198,3 +206,5 @@ const AGREEMENT: f64 = 0.85;
 /// A point that contradicts a view weighs as much as this many points that fit: the right pose has hardly any, a wrong one
 /// can well fit in places. From 3 to 8 the choice is the same.
 const CONTRADICTION_WEIGHT: f64 = 3.0;
+/// What it costs to take both clouds' sides for opposite ones, for sides that are quite sure.
+const REVERSED_COST: f64 = 0.3;

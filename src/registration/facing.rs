@@ -11,7 +11,37 @@ use rayon::prelude::*;
 use crate::geometry::nearest::NearestPoints;
 use crate::geometry::sampling::even_indices;
 
-/// What the signs of a cloud's normals mean.
+/// What is known of the side from which a cloud was seen.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Orientation {
+    /// Its normals came with it and face the sensor.
+    Given,
+    /// It is a single view; its normals face this camera.
+    View(Camera),
+    /// Every sign of its normals is arbitrary.
+    Unknown,
+}
+
+impl Orientation {
+    pub(super) fn sides(&self) -> Sides {
+        match self {
+            Self::Given => Sides::Known,
+            Self::View(_) => Sides::OneOfTwo,
+            Self::Unknown => Sides::Unknown,
+        }
+    }
+
+    /// The camera that the normals face; `None` when the points are no single view.
+    pub(super) fn camera(&self, points: &[Point3<f64>], normals: &[Vector3<f64>]) -> Option<Camera> {
+        match self {
+            Self::Given => camera_of(points, normals).map(|camera| camera.faced_by(normals)),
+            Self::View(camera) => Some(*camera),
+            Self::Unknown => None,
+        }
+    }
+}
+
+/// What the signs of the normals of a cloud, or of two compared ones, mean.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Sides {
     /// Every normal faces the sensor.
@@ -33,9 +63,29 @@ impl Sides {
     }
 }
 
-/// The unit direction from the surface towards the camera; `None` when the points are not one layer from anywhere (a
-/// whole part, several views). Its line is surer than its sign. Normals may have any sign.
-pub(super) fn towards_camera(points: &[Point3<f64>], normals: &[Vector3<f64>]) -> Option<Vector3<f64>> {
+/// Where a single view was seen from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Camera {
+    /// The unit direction from the surface towards the camera. Its line is surer than its sign.
+    pub(super) towards: Vector3<f64>,
+    /// How sure the sign is: the surplus of bulges over hollows as a share of both, 0 to 1.
+    pub(super) bulge: f64,
+}
+
+impl Camera {
+    /// On the side that most normals face, which need not be the side that the cloud bulges to.
+    fn faced_by(self, normals: &[Vector3<f64>]) -> Self {
+        let facing: f64 = normals.iter().map(|normal| normal.dot(&self.towards).signum()).sum();
+        Self {
+            towards: if facing < 0.0 { -self.towards } else { self.towards },
+            ..self
+        }
+    }
+}
+
+/// Where the points were seen from; `None` when they are not one layer from anywhere (a whole part, several views).
+/// Normals may have any sign.
+pub(super) fn camera_of(points: &[Point3<f64>], normals: &[Vector3<f64>]) -> Option<Camera> {
     let sheet = Sheet::new(points, normals)?;
     let costs: Vec<([f64; 2], Vector3<f64>)> = half_sphere()
         .into_par_iter()
@@ -57,7 +107,11 @@ pub(super) fn towards_camera(points: &[Point3<f64>], normals: &[Vector3<f64>]) -
         .map(|(_, direction)| signed(direction, &best))
         .sum();
     let axis = middle.try_normalize(0.0)?;
-    Some(axis * sheet.bulge(&axis).signum())
+    let bulge = sheet.bulge(&axis);
+    Some(Camera {
+        towards: axis * bulge.signum(),
+        bulge: bulge.abs(),
+    })
 }
 
 /// A sample of a cloud, and which of its points lie next to each other.
@@ -115,19 +169,21 @@ impl Sheet {
         folded as f64 / self.pairs.len().max(1) as f64
     }
 
-    /// The surplus of bulges over hollows, seen from `direction`.
+    /// The surplus of bulges over hollows, seen from `direction`, as a share of both: -1 to 1.
     fn bulge(&self, direction: &Vector3<f64>) -> f64 {
-        let mut bulge = 0.0;
+        let (mut bulge, mut bent) = (0.0, f64::MIN_POSITIVE);
         for (a, b) in &self.pairs {
             let (a, b) = (*a as usize, *b as usize);
             let (here, there) = (signed(&self.normals[a], direction), signed(&self.normals[b], direction));
             if here.dot(&there) > 0.0 {
                 let turn = there - here;
                 // Sharp edges of a solid are convex; what is hollow is wide.
-                bulge += turn.norm_squared() * (self.points[b] - self.points[a]).dot(&turn).signum();
+                let weight = turn.norm_squared();
+                bulge += weight * (self.points[b] - self.points[a]).dot(&turn).signum();
+                bent += weight;
             }
         }
-        bulge
+        bulge / bent
     }
 }
 
@@ -210,13 +266,16 @@ mod tests {
     fn one_side_of_a_bar_tells_its_camera_and_the_whole_does_not() {
         let whole = extruded(6000, 0.0);
         let normals = whole.normals().unwrap();
-        assert_eq!(towards_camera(whole.points(), normals), None);
+        assert_eq!(camera_of(whole.points(), normals), None);
         for sign in [1.0, -1.0] {
             let camera = Vector3::new(0.2, sign, 0.1).normalize();
             let seen: Vec<usize> = (0..whole.len()).filter(|&i| normals[i].dot(&camera) > 0.1).collect();
             let view = whole.select(&seen);
-            let found = towards_camera(view.points(), view.normals().unwrap());
-            assert!(found.is_some_and(|found| found.dot(&camera) > 0.5), "{sign}: {found:?}");
+            let found = camera_of(view.points(), view.normals().unwrap());
+            assert!(
+                found.is_some_and(|found| found.towards.dot(&camera) > 0.5),
+                "{sign}: {found:?}"
+            );
         }
     }
 }

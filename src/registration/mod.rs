@@ -20,6 +20,7 @@ mod point_pairs;
 mod reference;
 mod search;
 mod sight;
+mod swarm;
 #[cfg(test)]
 pub(crate) mod testing;
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::facing::{Sides, signed, towards_camera};
+use super::facing::{Orientation, camera_of, signed};
 use crate::geometry::PointCloud;
 use crate::geometry::nearest::{NearestPoints, Neighbour};
 use crate::geometry::normals::{Roughness, estimated_normals, roughness};
@@ -12,7 +12,7 @@ use crate::geometry::sampling::even_indices;
 /// A fixed cloud with normals, a search tree and its scale, ready to be registered to (the paper's Y).
 pub struct Reference {
     cloud: PointCloud,
-    sides: Sides,
+    orientation: Orientation,
     tree: NearestPoints,
     spacing: f64,
     centroid: Point3<f64>,
@@ -76,14 +76,14 @@ impl Reference {
         let tree = NearestPoints::new(cloud.points());
         let spacing = median_spacing(cloud.points(), &tree, radius);
         let roughness = roughness_of(cloud.points(), &tree);
-        let (cloud, sides) = if cloud.normals().is_some() {
-            (cloud.clone(), Sides::Known)
+        let (cloud, orientation) = if cloud.normals().is_some() {
+            (cloud.clone(), Orientation::Given)
         } else {
             estimated(cloud, &tree)
         };
         Ok(Self {
             cloud,
-            sides,
+            orientation,
             tree,
             spacing,
             centroid,
@@ -105,11 +105,11 @@ impl Reference {
     /// Whether the signs of the normals belong together: they were given with the cloud, or the cloud is a single view.
     /// Then they tell the sides of a thin wall apart.
     pub fn is_oriented(&self) -> bool {
-        self.sides != Sides::Unknown
+        self.orientation != Orientation::Unknown
     }
 
-    pub(super) fn sides(&self) -> Sides {
-        self.sides
+    pub(super) fn orientation(&self) -> &Orientation {
+        &self.orientation
     }
 
     /// The median distance from a point to its nearest other point, in the cloud's unit; always positive.
@@ -120,6 +120,11 @@ impl Reference {
     /// The mean of the points.
     pub fn centroid(&self) -> Point3<f64> {
         self.centroid
+    }
+
+    /// The root mean square distance of the points from their centroid; always positive.
+    pub fn radius(&self) -> f64 {
+        self.radius
     }
 
     /// How far the cloud is from being a smooth surface.
@@ -139,22 +144,17 @@ impl Reference {
 }
 
 /// The cloud with estimated normals, and what their signs mean.
-pub(super) fn estimated(cloud: &PointCloud, tree: &NearestPoints) -> (PointCloud, Sides) {
+pub(super) fn estimated(cloud: &PointCloud, tree: &NearestPoints) -> (PointCloud, Orientation) {
     let mut normals = estimated_normals(cloud.points(), tree, NORMAL_NEIGHBOUR_COUNT, None);
-    let camera = towards_camera(cloud.points(), &normals);
+    let camera = camera_of(cloud.points(), &normals);
     if let Some(camera) = &camera {
         for normal in &mut normals {
-            *normal = signed(normal, camera);
+            *normal = signed(normal, &camera.towards);
         }
     }
-    let sides = if camera.is_some() {
-        Sides::OneOfTwo
-    } else {
-        Sides::Unknown
-    };
     match cloud.clone().with_normals(normals) {
-        Some(cloud) => (cloud, sides),
-        None => (cloud.clone(), Sides::Unknown),
+        Some(cloud) => (cloud, camera.map_or(Orientation::Unknown, Orientation::View)),
+        None => (cloud.clone(), Orientation::Unknown),
     }
 }
 

@@ -8,13 +8,14 @@ use rayon::prelude::*;
 
 use super::coarse::{Coarse, choose, distinct, rivals};
 use super::consistency::{Judge, Views, residuals};
-use super::facing::Sides;
+use super::facing::{Orientation, Sides};
 use super::icp::{Problem, Refined, Sample, finish};
 use super::mpe::{Descent, descend};
 use super::nfi::minimum;
 use super::point_pairs::voted_poses;
 use super::reference::{estimated, median_spacing, rms_radius, roughness_of};
 use super::sight::Sight;
+use super::swarm::{Faller, Swarm};
 use super::uncertainty::{Tolerance, covariance_of_minimum, determination, may_be_preferred};
 use super::{Determination, FineStage, POINT_MIN_COUNT, Reference, Registration, Search, Settings, Stage, Status};
 use crate::geometry::PointCloud;
@@ -106,6 +107,9 @@ struct Work<'a> {
     reference: &'a Reference,
     problem: Problem<'a>,
     settings: &'a Settings,
+    /// The template's.
+    orientation: Orientation,
+    /// Of both clouds compared.
     sides: Sides,
     /// Of both clouds together.
     roughness: Roughness,
@@ -122,13 +126,13 @@ impl<'a> Work<'a> {
         }
         let tree = NearestPoints::new(template.points());
         let (fixed, moving) = (reference.roughness(), roughness_of(template.points(), &tree));
-        let (template, sides) = if template.normals().is_some() {
-            (Cow::Borrowed(template), Sides::Known)
+        let (template, orientation) = if template.normals().is_some() {
+            (Cow::Borrowed(template), Orientation::Given)
         } else {
-            let (estimated, sides) = estimated(template, &tree);
-            (Cow::Owned(estimated), sides)
+            let (estimated, orientation) = estimated(template, &tree);
+            (Cow::Owned(estimated), orientation)
         };
-        let sides = sides.with(reference.sides());
+        let sides = orientation.sides().with(reference.orientation().sides());
         Some(Self {
             tree,
             template,
@@ -142,6 +146,7 @@ impl<'a> Work<'a> {
                 trimming: settings.icp.trimming,
             },
             settings,
+            orientation,
             sides,
             roughness: Roughness {
                 scatter: fixed.scatter.hypot(moving.scatter),
@@ -170,7 +175,7 @@ impl<'a> Work<'a> {
             stages.end("mpe", iterations);
             let mut coarse = self.coarse(judge, rng);
             candidates.iter().for_each(|candidate| coarse.add(candidate));
-            self.widen(&mut coarse, start, &mut candidates, rng);
+            self.widen(&mut coarse, rng);
             stages.end("coarse", coarse.iterations);
             self.fine_of_surfaces(&coarse, start, rng)
                 .filter(|solved| coarse.is_no_worse(&solved.fine.pose, start))
@@ -179,70 +184,68 @@ impl<'a> Work<'a> {
         found
     }
 
-    /// Looks further away as long as what is found does not explain the clouds.
-    fn widen<'b>(
-        &'b self,
-        coarse: &mut Coarse<'b>,
-        start: &Isometry3<f64>,
-        candidates: &mut Vec<Isometry3<f64>>,
-        rng: &mut ChaCha8Rng,
-    ) {
-        let search = self.settings.search;
-        if !matches!(search, Search::Near | Search::Automatic | Search::Everywhere) {
-            return;
-        }
-        let is_explained = |coarse: &Coarse<'_>| {
-            coarse.is_explained(overlap_distance(self.settings, self.reference), self.roughness.scatter)
+    /// Looks everywhere when what is found does not explain the clouds, or if everywhere is where to look.
+    fn widen<'b>(&'b self, coarse: &mut Coarse<'b>, rng: &mut ChaCha8Rng) {
+        let anywhere = match self.settings.search {
+            Search::StartOnly | Search::NearPart { .. } => return,
+            Search::Near => false,
+            Search::Automatic => !coarse.is_consistent(),
+            Search::Everywhere => true,
         };
-        let explained = is_explained(coarse);
-        let anywhere = search == Search::Everywhere || search == Search::Automatic && !coarse.is_consistent();
-        if explained && !anywhere {
+        let overlap_distance = overlap_distance(self.settings, self.reference);
+        if !anywhere && coarse.is_explained(overlap_distance, self.roughness.scatter) {
             return;
         }
-        if let Some(views) = self.views(rng) {
+        let views = self.views(rng);
+        let poses = if let Some(views) = views {
             coarse.judge_views(views);
-            coarse.add_near_poses(&self.voted_poses(rng));
-            return;
-        }
-        if search != Search::Near {
-            let near_count = candidates.len();
-            coarse.iterations += self.add_global_candidates(candidates, rng);
-            candidates[near_count..]
-                .iter()
-                .for_each(|candidate| coarse.add(candidate));
-        }
-        if !is_explained(coarse) {
-            coarse.add_turned_starts(start);
-        }
-    }
-
-    /// Whether both clouds have a side that was seen.
-    fn are_views(&self) -> bool {
-        self.sides != Sides::Unknown
+            self.voted_poses(rng)
+        } else {
+            self.swarm_poses(rng)
+        };
+        coarse.add_near_poses(&poses);
     }
 
     /// What is needed to judge two single views by one another; `None` when one of the clouds is no single view.
     fn views(&self, rng: &mut ChaCha8Rng) -> Option<Views<'_>> {
-        if !self.are_views() {
-            return None;
-        }
-        let reference = |count: usize, rng: &mut ChaCha8Rng| {
-            Sample::of(self.reference.points(), self.reference.normals(), count, rng)
-        };
-        let normals = self.template.normals().unwrap_or(&[]);
+        let (points, normals) = (self.reference.points(), self.reference.normals());
+        let of_reference = self.reference.orientation().camera(points, normals)?;
+        let template_normals = self.template.normals().unwrap_or(&[]);
+        let of_template = self.orientation.camera(self.template.points(), template_normals)?;
         let spacing = median_spacing(self.template.points(), &self.tree, self.problem.radius);
         Some(Views {
             template: &self.template,
             tree: &self.tree,
-            reference_sight: Sight::new(
-                self.reference.points(),
-                self.reference.normals(),
-                self.reference.spacing(),
-            )?,
-            template_sight: Sight::new(self.template.points(), normals, spacing)?,
-            sample: reference(JUDGE_COUNT, rng),
-            glances: [self.sample(GLANCE_COUNT, rng), reference(GLANCE_COUNT, rng)],
+            reference_sight: Sight::new(points, &of_reference, self.reference.spacing()),
+            template_sight: Sight::new(self.template.points(), &of_template, spacing),
+            sample: Sample::of(points, normals, JUDGE_COUNT, rng),
+            glances: [
+                self.sample(GLANCE_COUNT, rng),
+                Sample::of(points, normals, GLANCE_COUNT, rng),
+            ],
         })
+    }
+
+    /// What pairs of oriented points vote for.
+    fn voted_poses(&self, rng: &mut ChaCha8Rng) -> Vec<Isometry3<f64>> {
+        let template = self.sample(VOTER_COUNT, rng);
+        let reference = Sample::of(self.reference.points(), self.reference.normals(), VOTER_COUNT, rng);
+        let radius = self.problem.radius;
+        let mut voted = voted_poses(&template, &reference, radius, VOTED_COUNT);
+        if self.sides == Sides::OneOfTwo {
+            voted.extend(voted_poses(&template.reversed(), &reference, radius, VOTED_COUNT));
+        }
+        voted
+    }
+
+    /// What a swarm of falls comes to.
+    fn swarm_poses(&self, rng: &mut ChaCha8Rng) -> Vec<Isometry3<f64>> {
+        let faller = Faller {
+            sample: self.sample(FALL_COUNT, rng),
+            centroid: self.problem.centroid,
+            radius: self.problem.radius,
+        };
+        Swarm::new(self.reference, self.sides != Sides::Unknown).best_poses(&faller, &self.reference.centroid())
     }
 
     fn judge(&self, rng: &mut ChaCha8Rng) -> Judge<'_> {
@@ -259,22 +262,6 @@ impl<'a> Work<'a> {
 
     fn coarse<'b>(&'b self, judge: Judge<'b>, rng: &mut ChaCha8Rng) -> Coarse<'b> {
         Coarse::new(&self.problem, self.settings, judge, self.coarse_samples(rng))
-    }
-
-    /// What pairs of oriented points vote for.
-    fn voted_poses(&self, rng: &mut ChaCha8Rng) -> Vec<Isometry3<f64>> {
-        let template = self.sample(VOTER_COUNT, rng);
-        let reference = Sample::of(self.reference.points(), self.reference.normals(), VOTER_COUNT, rng);
-        let mut voted = voted_poses(&template, &reference, self.problem.radius, VOTED_COUNT);
-        if self.sides == Sides::OneOfTwo {
-            voted.extend(voted_poses(
-                &template.reversed(),
-                &reference,
-                self.problem.radius,
-                VOTED_COUNT,
-            ));
-        }
-        voted
     }
 
     /// The last level of trimmed ICP from the best candidate.
@@ -464,6 +451,13 @@ fn spread_rotations() -> Vec<UnitQuaternion<f64>> {
         .collect()
 }
 
+/// How many template points fall in the swarm.
+const FALL_COUNT: usize = 200;
+/// How many points of each cloud are looked at in a glance.
+const GLANCE_COUNT: usize = 400;
+/// How many points of each cloud vote for poses, and how many poses come of it.
+const VOTER_COUNT: usize = 500;
+const VOTED_COUNT: usize = 60;
 /// How many template points judge a candidate.
 const JUDGE_COUNT: usize = 2000;
 /// How near a judging point must lie, in spacings of the reference.
@@ -475,11 +469,6 @@ const GLOBAL_COUNT: usize = 300;
 const GLOBAL_KEPT_COUNT: usize = 6;
 const NEAR_TEMPLATE_COUNT: usize = 2000;
 const NEAR_REFERENCE_FACTOR: usize = 8;
-/// How many points of each cloud are looked at in a glance.
-const GLANCE_COUNT: usize = 400;
-/// How many points of each cloud vote for poses, and how many poses come of it.
-const VOTER_COUNT: usize = 600;
-const VOTED_COUNT: usize = 100;
 /// From this fuzziness on there is no surface to register to, only points.
 const NOISY_FUZZINESS: f64 = 0.58;
 /// Among noise a motion with a larger standard deviation than this is weak: a degree, three hundredths of the radius.

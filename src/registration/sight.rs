@@ -6,12 +6,12 @@
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::facing::towards_camera;
+use super::facing::Camera;
 use crate::geometry::sampling::even_indices;
 
 /// A depth image of a single view.
 pub(super) struct Sight {
-    towards: Vector3<f64>,
+    camera: Camera,
     right: Vector3<f64>,
     up: Vector3<f64>,
     low: [f64; 2],
@@ -31,19 +31,21 @@ pub(super) struct Contradiction {
 }
 
 impl Sight {
-    /// The image of the cloud; `None` when it is no single view. `spacing` is the cloud's.
-    pub(super) fn new(points: &[Point3<f64>], normals: &[Vector3<f64>], spacing: f64) -> Option<Self> {
-        let towards = towards_camera(points, normals)?;
-        // The side that the normals face, which need not be the side that the cloud bulges to.
-        let facing: f64 = normals.iter().map(|normal| normal.dot(&towards).signum()).sum();
-        let towards = if facing < 0.0 { -towards } else { towards };
+    /// The camera, if the normals face it.
+    pub(super) fn camera(&self) -> &Camera {
+        &self.camera
+    }
+
+    /// The image that `camera` took of the points; `spacing` is theirs.
+    pub(super) fn new(points: &[Point3<f64>], camera: &Camera, spacing: f64) -> Self {
         let indices = even_indices(points.len(), IMAGE_COUNT);
         let thinned = (points.len() as f64 / indices.len().max(1) as f64).sqrt();
         let seen: Vec<Point3<f64>> = indices.into_iter().map(|index| points[index]).collect();
-        Some(Self::along(&seen, &towards, CELL_SPACINGS * thinned * spacing))
+        Self::along(&seen, camera, CELL_SPACINGS * thinned * spacing)
     }
 
-    fn along(points: &[Point3<f64>], towards: &Vector3<f64>, cell: f64) -> Self {
+    fn along(points: &[Point3<f64>], camera: &Camera, cell: f64) -> Self {
+        let towards = &camera.towards;
         let helper = if towards.x.abs() < 0.7 {
             Vector3::x()
         } else {
@@ -66,7 +68,7 @@ impl Sight {
         let count = |axis: usize| ((high[axis] - low[axis]) / cell) as usize + 2;
         let (columns, rows) = (count(0), count(1));
         let mut sight = Self {
-            towards: *towards,
+            camera: *camera,
             right,
             up,
             low,
@@ -108,7 +110,7 @@ impl Sight {
                 averted += 1;
                 continue;
             };
-            let depth = placed.coords.dot(&self.towards);
+            let depth = placed.coords.dot(&self.camera.towards);
             facing += usize::from(depth > self.nearest[place] + tolerance);
             averted += usize::from(depth < self.farthest[place] - tolerance);
         }
@@ -130,6 +132,7 @@ const DEPTH_CELLS: f64 = 2.0;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::registration::facing::camera_of;
     use crate::registration::testing::extruded;
 
     #[test]
@@ -139,13 +142,14 @@ mod tests {
         let seen: Vec<usize> = (0..whole.len()).filter(|&i| normals[i].y > 0.1).collect();
         let view = whole.select(&seen);
         let spacing = 0.02;
-        let sight = Sight::new(view.points(), view.normals().unwrap(), spacing).unwrap();
+        let camera = camera_of(view.points(), view.normals().unwrap()).unwrap();
+        assert!(camera.towards.y > 0.9, "{camera:?}");
+        let sight = Sight::new(view.points(), &camera, spacing);
         let at = |y: f64| sight.contradiction(view.points(), &Isometry3::translation(0.0, y, 0.0));
         assert_eq!((at(0.0).facing, at(0.0).averted), (0.0, 0.0));
         assert!(at(0.5).facing > 0.8 && at(0.5).averted < 0.1);
         assert!(at(-0.5).facing < 0.1 && at(-0.5).averted > 0.8);
         let beside = sight.contradiction(view.points(), &Isometry3::translation(0.0, 0.0, 1.0));
         assert!((0.4..0.6).contains(&beside.facing), "{beside:?}");
-        assert!(Sight::new(whole.points(), normals, spacing).is_none());
     }
 }
