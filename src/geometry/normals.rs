@@ -164,8 +164,18 @@ pub fn with_estimated_normals(
     neighbour_count: usize,
     viewpoint: Option<&Point3<f64>>,
 ) -> PointCloud {
-    let points = cloud.points();
-    let normals: Vec<Vector3<f64>> = points
+    let normals = estimated_normals(cloud.points(), tree, neighbour_count, viewpoint);
+    cloud.clone().with_normals(normals).unwrap_or_else(|| cloud.clone())
+}
+
+/// The normals of [`with_estimated_normals`], unit vectors in the order of `points`.
+pub fn estimated_normals(
+    points: &[Point3<f64>],
+    tree: &NearestPoints,
+    neighbour_count: usize,
+    viewpoint: Option<&Point3<f64>>,
+) -> Vec<Vector3<f64>> {
+    points
         .par_iter()
         .with_min_len(256)
         .map(|point| {
@@ -181,8 +191,7 @@ pub fn with_estimated_normals(
                 _ => normal,
             }
         })
-        .collect();
-    cloud.clone().with_normals(normals).unwrap_or_else(|| cloud.clone())
+        .collect()
 }
 
 /// How far a cloud is from being a surface.
@@ -298,7 +307,7 @@ impl Moments {
 /// every pixel is what normals cost.
 fn smallest_direction(covariance: &Matrix3<f64>) -> Option<Vector3<f64>> {
     let scale = covariance.trace();
-    if scale <= 0.0 || scale.is_nan() {
+    if scale <= 0.0 || !scale.is_finite() {
         return None;
     }
     let a = covariance / scale;
@@ -397,5 +406,6 @@ mod tests {
         assert!((found.dot(&smallest).abs() - 1.0).abs() < 1e-12);
         assert_eq!(smallest_direction(&Matrix3::identity()), None);
         assert_eq!(smallest_direction(&Matrix3::zeros()), None);
+        assert_eq!(smallest_direction(&(m * 1e308)), None);
     }
 }

@@ -1,23 +1,30 @@
 //! The coarse levels of trimmed ICP over several candidates, and the choice between them.
 
-use nalgebra::{Isometry3, Vector3, Vector6};
+use nalgebra::{Isometry3, Point3};
 
-use super::Settings;
-use super::consistency::{Judge, residuals};
-use super::icp::{Problem, Sample};
-use super::twist::moved;
+use super::consistency::{Judge, Score, Views, residuals};
+use super::facing::Sides;
+use super::icp::{IcpLevel, Problem, Sample};
+use super::{IcpSettings, Settings};
 use crate::geometry::PointCloud;
 
 /// The coarse levels of trimmed ICP, and what they have come to so far.
 pub(super) struct Coarse<'a> {
     problem: &'a Problem<'a>,
     settings: &'a Settings,
-    judge: &'a Judge,
-    /// One for each level but the last.
-    samples: Vec<Sample>,
+    judge: Judge<'a>,
+    /// One for each level but the last, and the same with reversed normals.
+    samples: [Vec<Sample>; 2],
     /// In the order in which they were added.
     pub(super) refined: Vec<Candidate>,
     pub(super) iterations: u32,
+}
+
+/// A pose and what it is worth.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Candidate {
+    pub(super) pose: Isometry3<f64>,
+    pub(super) score: Score,
 }
 
 impl<'a> Coarse<'a> {
@@ -25,14 +32,18 @@ impl<'a> Coarse<'a> {
     pub(super) fn new(
         problem: &'a Problem<'a>,
         settings: &'a Settings,
-        judge: &'a Judge,
+        judge: Judge<'a>,
         samples: Vec<Sample>,
     ) -> Self {
+        let reversed = match judge.sides {
+            Sides::OneOfTwo => samples.iter().map(Sample::reversed).collect(),
+            Sides::Known | Sides::Unknown => Vec::new(),
+        };
         Self {
             problem,
             settings,
             judge,
-            samples,
+            samples: [samples, reversed],
             refined: Vec::new(),
             iterations: 0,
         }
@@ -40,75 +51,120 @@ impl<'a> Coarse<'a> {
 
     /// Refines `pose` over all coarse levels and judges it.
     pub(super) fn add(&mut self, pose: &Isometry3<f64>) {
-        let pose = self.refined_over(0..self.samples.len(), *pose);
-        self.push(pose);
+        let candidate = self.judged(*pose);
+        let refined = self.refined_over(0..self.level_count(), &candidate);
+        self.refined.push(refined);
     }
 
-    /// Refines turned starts on the first level, and the most consistent few of them on the others.
+    /// Refines the best few of `poses` that may be near the solution, from a narrow reach on.
     ///
-    /// For views far apart: there neither the start nor the fall from it is in the basin of the solution.
-    pub(super) fn add_turned_starts(&mut self, start: &Isometry3<f64>) {
-        let levels = self.samples.len();
-        let pivot = start * self.problem.centroid;
-        let mut first: Vec<Candidate> = Vec::new();
-        for turn in turns() {
-            let turned = moved(start, &pivot, &turn);
-            let pose = self.refined_over(0..levels.min(1), turned);
-            let score = self.judge.score(self.problem.reference, &pose);
-            first.push(Candidate { pose, score });
+    /// Views far apart share little of their surfaces: a wide reach would pull what they do not share together.
+    pub(super) fn add_near_poses(&mut self, poses: &[Isometry3<f64>]) {
+        let glanced = |pose: &Isometry3<f64>| Candidate {
+            pose: *pose,
+            score: self.judge.glance(pose),
+        };
+        let seen: Vec<Candidate> = poses.iter().map(glanced).collect();
+        let mut narrow: Vec<Candidate> = Vec::new();
+        for candidate in best_of(seen, NARROW_COUNT) {
+            narrow.push(self.narrowed(&candidate));
         }
-        first.sort_by(|a, b| b.score.total_cmp(&a.score));
-        for candidate in first.iter().take(TURNED_KEPT_COUNT) {
-            let pose = self.refined_over(levels.min(1)..levels, candidate.pose);
-            self.push(pose);
+        let mut kept: Vec<Candidate> = Vec::new();
+        for candidate in best_of(narrow, NARROW_COUNT) {
+            if kept.len() < NEAR_KEPT_COUNT && kept.iter().all(|other| self.are_distinct(&other.pose, &candidate.pose))
+            {
+                kept.push(candidate);
+            }
         }
+        let levels = self.level_count();
+        for candidate in kept {
+            let refined = self.refined_over(levels.min(1)..levels, &candidate);
+            self.refined.push(refined);
+        }
+    }
+
+    /// Judges by what two single views say of one another from now on.
+    pub(super) fn judge_views(&mut self, views: Views<'a>) {
+        self.judge.views = Some(views);
+        for index in 0..self.refined.len() {
+            self.refined[index] = self.judged(self.refined[index].pose);
+        }
+    }
+
+    /// Whether `pose` is worth no less than `start`, but for chance.
+    pub(super) fn is_no_worse(&self, pose: &Isometry3<f64>, start: &Isometry3<f64>) -> bool {
+        self.judge.score(pose).value >= self.judge.score(start).value - WORSE
+    }
+
+    /// Whether more of the clouds contradicts the other view at `pose` than the camera's place, known but roughly, excuses.
+    pub(super) fn is_contradicted(&self, pose: &Isometry3<f64>) -> bool {
+        self.judge.score(pose).contradiction > CONTRADICTED
+    }
+
+    /// The best candidate.
+    pub(super) fn best(&self) -> &Candidate {
+        &self.refined[choose(&self.refined)]
     }
 
     /// Whether the best candidate's residuals are those of the clouds' own roughness.
     pub(super) fn is_explained(&self, overlap_distance: f64, scatter: f64) -> bool {
-        let best = &self.refined[choose(&self.refined)].pose;
         let sample = PointCloud::from_measured(self.judge.sample.points.iter().copied()).cloud;
-        let (overlap, rmse) = residuals(&sample, self.problem.reference, best, overlap_distance);
+        let (overlap, rmse) = residuals(&sample, self.problem.reference, &self.best().pose, overlap_distance);
         overlap.fraction > self.settings.overlap_min_fraction && rmse <= self.settings.residual_max_factor * scatter
     }
 
     /// Whether most of the template lies on the reference in the best candidate.
     pub(super) fn is_consistent(&self) -> bool {
-        self.refined[choose(&self.refined)].score > CONSISTENT
+        self.best().score.share > CONSISTENT
     }
 
-    fn refined_over(&mut self, levels: std::ops::Range<usize>, mut pose: Isometry3<f64>) -> Isometry3<f64> {
-        let all = &self.settings.icp.levels;
+    fn are_distinct(&self, a: &Isometry3<f64>, b: &Isometry3<f64>) -> bool {
+        distinct(a, b, &self.problem.centroid, self.problem.radius)
+    }
+
+    fn level_count(&self) -> usize {
+        self.samples[0].len()
+    }
+
+    fn judged(&self, pose: Isometry3<f64>) -> Candidate {
+        let score = self.judge.score(&pose);
+        Candidate { pose, score }
+    }
+
+    /// What the coarse `levels` make of a candidate; it keeps its side.
+    fn refined_over(&mut self, levels: std::ops::Range<usize>, candidate: &Candidate) -> Candidate {
+        let IcpSettings { levels: all, .. } = &self.settings.icp;
+        let mut pose = candidate.pose;
         for index in levels {
             let end_reach = all[index + 1].reach_factor * self.problem.radius;
-            let found = self
-                .problem
-                .refine(&self.samples[index], &pose, &all[index], end_reach, &[]);
+            let sample = &self.samples[usize::from(candidate.score.reversed)][index];
+            let found = self.problem.refine(sample, &pose, &all[index], end_reach, &[]);
             if let Some(found) = found {
                 pose = found.pose;
                 self.iterations += found.iterations;
             }
         }
-        pose
+        self.judged(pose)
     }
 
-    fn push(&mut self, pose: Isometry3<f64>) {
-        let score = self.judge.score(self.problem.reference, &pose);
-        self.refined.push(Candidate { pose, score });
+    fn narrowed(&mut self, candidate: &Candidate) -> Candidate {
+        let Some(sample) = self.samples[usize::from(candidate.score.reversed)].first() else {
+            return *candidate;
+        };
+        let end_reach = NARROW_LEVEL.reach_factor * NARROW_SHRINK * self.problem.radius;
+        let found = self
+            .problem
+            .refine(sample, &candidate.pose, &NARROW_LEVEL, end_reach, &[]);
+        self.iterations += found.as_ref().map_or(0, |found| found.iterations);
+        self.judged(found.map_or(candidate.pose, |found| found.pose))
     }
-}
-
-/// A pose and how consistent it is.
-pub(super) struct Candidate {
-    pub(super) pose: Isometry3<f64>,
-    pub(super) score: f64,
 }
 
 /// The candidate with the best score; an earlier one unless a later one is clearly better, so the start has precedence.
 pub(super) fn choose(candidates: &[Candidate]) -> usize {
     let mut best = 0;
     for (index, candidate) in candidates.iter().enumerate() {
-        if candidate.score > candidates[best].score + CLEARLY {
+        if candidate.score.value > candidates[best].score.value + CLEARLY {
             best = index;
         }
     }
@@ -117,48 +173,48 @@ pub(super) fn choose(candidates: &[Candidate]) -> usize {
 
 /// The other poses that score about as well as the chosen one.
 pub(super) fn rivals(candidates: &[Candidate], chosen: usize) -> Vec<Isometry3<f64>> {
-    let enough = AMBIGUOUS_FRACTION * candidates[chosen].score;
+    let Score { value, share, .. } = candidates[chosen].score;
+    let enough = value - AMBIGUOUS_FRACTION * share;
     candidates
         .iter()
-        .filter(|other| other.score >= enough)
+        .filter(|other| other.score.value >= enough)
         .map(|other| other.pose)
         .collect()
 }
 
-/// Turns both ways about the axes and the diagonals of a cube.
-fn turns() -> Vec<Vector6<f64>> {
-    let axes = [
-        [1.0, 0.0, 0.0],
-        [0.0, 1.0, 0.0],
-        [0.0, 0.0, 1.0],
-        [1.0, 1.0, 1.0],
-        [-1.0, 1.0, 1.0],
-        [1.0, -1.0, 1.0],
-        [1.0, 1.0, -1.0],
-        [0.0, 1.0, 1.0],
-        [0.0, 1.0, -1.0],
-        [1.0, 0.0, 1.0],
-        [1.0, 0.0, -1.0],
-        [1.0, 1.0, 0.0],
-        [1.0, -1.0, 0.0],
-    ];
-    let mut turns = Vec::new();
-    for angle in TURNS_RAD {
-        for axis in axes {
-            let turn = Vector3::from(axis).normalize() * angle;
-            turns.push(Vector6::new(turn.x, turn.y, turn.z, 0.0, 0.0, 0.0));
-        }
-    }
-    turns
+/// The `count` best candidates, best first; ties in their order.
+fn best_of(mut candidates: Vec<Candidate>, count: usize) -> Vec<Candidate> {
+    candidates.sort_by(|a, b| b.score.value.total_cmp(&a.score.value));
+    candidates.truncate(count);
+    candidates
 }
 
-/// How far turned starts are turned.
-const TURNS_RAD: [f64; 2] = [0.75, -0.75];
-/// How many of the turned starts are refined further.
-const TURNED_KEPT_COUNT: usize = 4;
+/// Whether two poses clearly differ: by more than 5 degrees or a tenth of the radius.
+pub(super) fn distinct(a: &Isometry3<f64>, b: &Isometry3<f64>, centroid: &Point3<f64>, radius: f64) -> bool {
+    let turn = (a.rotation.inverse() * b.rotation).angle();
+    let shift = (a * centroid - b * centroid).norm();
+    turn > DISTINCT_RAD || shift > DISTINCT_FACTOR * radius
+}
+
+/// How many poses are refined on the narrow level, and how many of these further.
+const NARROW_COUNT: usize = 24;
+const NEAR_KEPT_COUNT: usize = 6;
+const NARROW_LEVEL: IcpLevel = IcpLevel {
+    sample_count: 1000,
+    reach_factor: 0.12,
+    iteration_max_count: 15,
+};
+const NARROW_SHRINK: f64 = 0.25;
+/// Right poses have a contradiction of at most 0.02, of blades too thin to tell the camera's place 0.1; wrong ones that
+/// fit best of all 0.1 to 0.3.
+const CONTRADICTED: f64 = 0.08;
 /// A better score than this is that of views that share most of their surface; a flipped blade can reach 0.5.
 const CONSISTENT: f64 = 0.8;
+/// The fine stage may lose this much of the start's score to chance.
+const WORSE: f64 = 0.01;
+const DISTINCT_RAD: f64 = 0.09;
+const DISTINCT_FACTOR: f64 = 0.1;
 /// Scores this much apart are different.
 const CLEARLY: f64 = 0.01;
-/// Scores within this share of each other are about the same.
-const AMBIGUOUS_FRACTION: f64 = 0.97;
+/// Values that differ by less than this multiple of the better one's share are about the same.
+const AMBIGUOUS_FRACTION: f64 = 0.03;

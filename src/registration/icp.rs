@@ -6,6 +6,7 @@
 //! of its residual, and one Gauss-Newton step on SE(3) is taken.
 
 use nalgebra::{Isometry3, Point3, Vector3, Vector6};
+use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use super::normal_matrix::NormalMatrix;
@@ -13,6 +14,7 @@ use super::prior::weighed;
 use super::reference::Reference;
 use super::twist::{motion_between, moved};
 use super::{Determination, WeakDirections};
+use crate::geometry::sampling::random_indices;
 
 /// How the fine stage works.
 #[derive(Debug, Clone, PartialEq)]
@@ -77,6 +79,25 @@ pub enum Trimming {
 pub(super) struct Sample {
     pub(super) points: Vec<Point3<f64>>,
     pub(super) normals: Vec<Vector3<f64>>,
+}
+
+impl Sample {
+    /// At most `count` points, drawn at random, with their normals.
+    pub(super) fn of(points: &[Point3<f64>], normals: &[Vector3<f64>], count: usize, rng: &mut ChaCha8Rng) -> Self {
+        let indices = random_indices(points.len().min(normals.len()), count, rng);
+        Self {
+            points: indices.iter().map(|&index| points[index]).collect(),
+            normals: indices.iter().map(|&index| normals[index]).collect(),
+        }
+    }
+
+    /// The same points with every normal reversed.
+    pub(super) fn reversed(&self) -> Self {
+        Self {
+            points: self.points.clone(),
+            normals: self.normals.iter().map(|normal| -normal).collect(),
+        }
+    }
 }
 
 /// What all levels share.

@@ -16,9 +16,12 @@ mod consistency;
 mod facing;
 mod nfi;
 mod normal_matrix;
+mod point_pairs;
 mod prior;
 mod reference;
 mod search;
+mod sight;
+mod swarm;
 #[cfg(test)]
 pub(crate) mod testing;
 #[cfg(test)]
@@ -30,7 +33,6 @@ use nalgebra::{Isometry3, Matrix6, Vector6};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
-pub use self::consistency::overlap;
 pub use self::field::Summation;
 pub use self::icp::{IcpLevel, IcpSettings, Metric, Trimming};
 pub use self::mpe::{Formulation, Halving, MpeSettings, Stop};
@@ -93,7 +95,8 @@ pub enum Search {
     },
     /// As `Near`, and as `Everywhere` when that does not explain most of the template or the clouds are noisy.
     Automatic,
-    /// MPE from the start and from 24 rotations spread over all of SO(3) with the centroids laid on each other.
+    /// MPE from the start; for two single views the poses that pairs of oriented points vote for, otherwise MPE from 24
+    /// rotations spread over all of SO(3) with the centroids laid on each other.
     Everywhere,
 }
 

@@ -1,18 +1,18 @@
 //! A cloud prepared to be registered to.
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::facing::{signed, towards_camera};
+use super::facing::{Orientation, camera_of, signed};
 use crate::geometry::PointCloud;
 use crate::geometry::nearest::{NearestPoints, Neighbour};
-use crate::geometry::normals::{Roughness, roughness, with_estimated_normals};
+use crate::geometry::normals::{Roughness, estimated_normals, roughness};
 use crate::geometry::sampling::even_indices;
 
 /// A fixed cloud with normals, a search tree and its scale, ready to be registered to (the paper's Y).
 pub struct Reference {
     cloud: PointCloud,
-    oriented: bool,
+    orientation: Orientation,
     tree: NearestPoints,
     spacing: f64,
     centroid: Point3<f64>,
@@ -72,25 +72,20 @@ impl Reference {
         let tree = NearestPoints::new(cloud.points());
         let spacing = median_spacing(cloud.points(), &tree, radius);
         let roughness = roughness_of(cloud.points(), &tree);
-        let (cloud, oriented) = if cloud.normals().is_some() {
-            (cloud.clone(), true)
+        let (cloud, orientation) = if cloud.normals().is_some() {
+            (cloud.clone(), Orientation::Given)
         } else {
             estimated(cloud, &tree)
         };
         Ok(Self {
             cloud,
-            oriented,
+            orientation,
             tree,
             spacing,
             centroid,
             radius,
             roughness,
         })
-    }
-
-    /// The points and their normals.
-    pub fn cloud(&self) -> &PointCloud {
-        &self.cloud
     }
 
     /// The points.
@@ -103,9 +98,14 @@ impl Reference {
         self.cloud.normals().unwrap_or(&[])
     }
 
-    /// Whether the normals were given with the cloud or the cloud tells where it was seen from, so that their sign tells the sides of a thin wall apart.
+    /// Whether the signs of the normals belong together: they were given with the cloud, or the cloud is a single view.
+    /// Then they tell the sides of a thin wall apart.
     pub fn is_oriented(&self) -> bool {
-        self.oriented
+        self.orientation != Orientation::Unknown
+    }
+
+    pub(super) fn orientation(&self) -> &Orientation {
+        &self.orientation
     }
 
     /// The median distance from a point to its nearest other point, in the cloud's unit; always positive.
@@ -137,31 +137,20 @@ impl Reference {
     pub fn nearest(&self, query: &Point3<f64>) -> Option<Neighbour> {
         self.tree.nearest(query)
     }
-
-    /// The reference seen from another frame.
-    ///
-    /// # Errors
-    /// Never for a rigid motion of finite numbers; the same as [`Reference::new`] otherwise.
-    pub fn transformed(&self, target_from_source: &Isometry3<f64>) -> Result<Self, RegisterError> {
-        let mut moved = Self::new(&self.cloud.transformed(target_from_source))?;
-        moved.oriented = self.oriented;
-        Ok(moved)
-    }
 }
 
-/// The cloud with estimated normals, and whether they face its camera.
-pub(super) fn estimated(cloud: &PointCloud, tree: &NearestPoints) -> (PointCloud, bool) {
-    let cloud = with_estimated_normals(cloud, tree, NORMAL_NEIGHBOUR_COUNT, None);
-    let Some(normals) = cloud.normals() else {
-        return (cloud, false);
-    };
-    let Some(camera) = towards_camera(cloud.points(), normals) else {
-        return (cloud, false);
-    };
-    let facing = normals.iter().map(|normal| signed(normal, &camera)).collect();
-    match cloud.clone().with_normals(facing) {
-        Some(facing) => (facing, true),
-        None => (cloud, false),
+/// The cloud with estimated normals, and what their signs mean.
+pub(super) fn estimated(cloud: &PointCloud, tree: &NearestPoints) -> (PointCloud, Orientation) {
+    let mut normals = estimated_normals(cloud.points(), tree, NORMAL_NEIGHBOUR_COUNT, None);
+    let camera = camera_of(cloud.points(), &normals);
+    if let Some(camera) = &camera {
+        for normal in &mut normals {
+            *normal = signed(normal, &camera.towards);
+        }
+    }
+    match cloud.clone().with_normals(normals) {
+        Some(cloud) => (cloud, camera.map_or(Orientation::Unknown, Orientation::View)),
+        None => (cloud.clone(), Orientation::Unknown),
     }
 }
 
@@ -206,7 +195,7 @@ pub(super) fn roughness_of(points: &[Point3<f64>], tree: &NearestPoints) -> Roug
 }
 
 /// The median distance to the nearest other place, over at most a thousand points spread over the list.
-fn median_spacing(points: &[Point3<f64>], tree: &NearestPoints, radius: f64) -> f64 {
+pub(super) fn median_spacing(points: &[Point3<f64>], tree: &NearestPoints, radius: f64) -> f64 {
     let mut distances: Vec<f64> = even_indices(points.len(), SPACING_SAMPLE_COUNT)
         .par_iter()
         .filter_map(|&index| {

@@ -1,17 +1,23 @@
 //! The course of one registration: candidates, their refinement, and the choice.
 
+use std::borrow::Cow;
+
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use super::coarse::{Coarse, choose, rivals};
-use super::consistency::{Judge, residuals};
+use super::coarse::{Coarse, choose, distinct, rivals};
+use super::consistency::{Judge, Views, residuals};
+use super::facing::{Orientation, Sides};
 use super::icp::{Problem, Refined, Sample, finish};
 use super::mpe::{Descent, descend};
 use super::nfi::minimum;
-use super::reference::{centroid_and_radius, estimated, roughness_of};
+use super::point_pairs::voted_poses;
+use super::reference::{centroid_and_radius, estimated, median_spacing, roughness_of};
+use super::sight::Sight;
+use super::swarm::{Faller, Swarm};
 use super::uncertainty::{Tolerance, covariance_of_minimum, determination, may_be_preferred};
-use super::{Determination, FineStage, Overlap, Reference, Registration, Search, Settings, Stage, Status};
+use super::{Determination, FineStage, Reference, Registration, Search, Settings, Stage, Status};
 use crate::geometry::PointCloud;
 use crate::geometry::nearest::NearestPoints;
 use crate::geometry::normals::Roughness;
@@ -25,147 +31,55 @@ pub(super) fn run(
     mut rng: ChaCha8Rng,
     on_stage: &mut dyn FnMut(&Stage),
 ) -> Registration {
-    let overlap_distance = settings
-        .overlap_distance
-        .unwrap_or(reference.default_overlap_distance());
-    let (Some(last_level), Ok((centroid, radius))) = (settings.icp.levels.last(), centroid_and_radius(template)) else {
-        let (overlap, rmse) = residuals(template, reference, start, overlap_distance);
-        return Registration::failed(start, overlap, rmse);
-    };
     let mut stages = Stages {
         ended: Vec::new(),
         on_stage,
     };
-    let tree = NearestPoints::new(template.points());
-    let (fixed, moving) = (reference.roughness(), roughness_of(template.points(), &tree));
-    let roughness = Roughness {
-        scatter: fixed.scatter.hypot(moving.scatter),
-        fuzziness: fixed.fuzziness.max(moving.fuzziness),
-    };
-    let (prepared, oriented) = if template.normals().is_some() {
-        (template.clone(), true)
-    } else {
-        estimated(template, &tree)
-    };
-    let work = Work {
-        template: prepared,
-        roughness,
-        reference,
-        problem: Problem {
-            reference,
-            centroid,
-            radius,
-            oriented: oriented && reference.is_oriented(),
-            metric: settings.icp.metric,
-            trimming: settings.icp.trimming,
-        },
-        settings,
-    };
-    let judge = Judge {
-        sample: work.sample(JUDGE_COUNT, &mut rng),
-        reach: (JUDGE_SPACINGS * reference.spacing()).max(overlap_distance),
-        residual_scale: (JUDGE_SCATTERS * roughness.scatter).max(JUDGE_SCALE_SPACINGS * reference.spacing()),
-        oriented: work.problem.oriented,
-    };
-    stages.end("prepare", 0);
-
-    let noisy = work.is_noisy();
-    let mut candidates = vec![*start];
-    let mut mpe_iterations = work.add_near_candidate(start, &mut candidates, &mut rng);
-    if settings.search == Search::Everywhere || (settings.search == Search::Automatic && noisy) {
-        mpe_iterations += work.add_global_candidates(&mut candidates, &mut rng);
-    }
-    stages.end("mpe", mpe_iterations);
-
-    let samples = work.coarse_samples(&mut rng);
-    let mut coarse = Coarse::new(&work.problem, settings, &judge, samples);
-    for candidate in &candidates {
-        coarse.add(candidate);
-    }
-    let explained = |coarse: &Coarse<'_>| noisy || coarse.is_explained(overlap_distance, roughness.scatter);
-    let mut global_iterations = 0;
-    if settings.search == Search::Automatic && !noisy && !(coarse.is_consistent() && explained(&coarse)) {
-        let near_count = candidates.len();
-        global_iterations = work.add_global_candidates(&mut candidates, &mut rng);
-        for candidate in &candidates[near_count..] {
-            coarse.add(candidate);
-        }
-    }
-    let wide = matches!(settings.search, Search::Near | Search::Automatic | Search::Everywhere);
-    if wide && !explained(&coarse) {
-        coarse.add_turned_starts(start);
-    }
-    let coarse_iterations = coarse.iterations + global_iterations;
-    let refined = coarse.refined;
-    let chosen = choose(&refined);
-    let rivals = rivals(&refined, chosen);
-    stages.end("coarse", coarse_iterations);
-
-    let fine_sample = work.sample(last_level.sample_count, &mut rng);
-    let start_score = judge.score(reference, start);
-    let fine = if noisy {
-        candidates.extend(refined.iter().map(|candidate| candidate.pose));
-        work.fine_of_noisy(&fine_sample, &candidates, &mut rng)
-            .map(|(fine, ambiguous)| (fine.weighed(&work.problem, start, settings.weak_directions), ambiguous))
-    } else {
-        let pose = &refined[chosen].pose;
-        finish(
-            &work.problem,
-            &fine_sample,
-            pose,
-            start,
-            last_level,
-            settings.weak_directions,
-        )
-        .map(|fine| {
-            let ambiguous = work.is_ambiguous(&rivals, &fine);
-            (fine, ambiguous)
-        })
-    };
-    // The score needs surfaces; among noise the energy has chosen.
-    let no_worse = |pose| noisy || judge.score(reference, pose) >= start_score - WORSE;
-    let mut outcome = match fine {
-        Some((fine, ambiguous)) if no_worse(&fine.pose) => {
-            let (overlap, rmse) = residuals(template, reference, &fine.pose, overlap_distance);
-            stages.end("fine", fine.iterations);
-            let status = if overlap.fraction < settings.overlap_min_fraction {
-                Status::Failed
-            } else if ambiguous || rmse > settings.residual_max_factor * work.roughness.scatter {
+    let work = Work::new(template, reference, settings);
+    let solved = work.as_ref().and_then(|work| work.solve(start, &mut rng, &mut stages));
+    let overlap_distance = overlap_distance(settings, reference);
+    let solved = solved.map(|solved| {
+        let (overlap, rmse) = residuals(template, reference, &solved.fine.pose, overlap_distance);
+        (solved, overlap, rmse)
+    });
+    if let (Some(work), Some((solved, overlap, rmse))) = (&work, solved)
+        && overlap.fraction >= settings.overlap_min_fraction
+    {
+        let Refined {
+            pose, determination, ..
+        } = solved.fine;
+        let unexplained = rmse > settings.residual_max_factor * work.roughness.scatter;
+        return Registration {
+            reference_from_template: pose,
+            status: if solved.ambiguous || unexplained {
                 Status::Ambiguous
-            } else if fine.determination.weak.is_empty() {
+            } else if determination.weak.is_empty() {
                 Status::Converged
             } else {
                 Status::Weak
-            };
-            Registration {
-                reference_from_template: if status == Status::Failed { *start } else { fine.pose },
-                status,
-                overlap,
-                rmse,
-                covariance: fine.determination.covariance,
-                weak_directions: fine.determination.weak.into_iter().map(|(_, weak)| weak).collect(),
-                stages: Vec::new(),
-            }
-        }
-        _ => {
-            stages.end("fine", 0);
-            Registration::failed(
-                start,
-                Overlap {
-                    count: 0,
-                    fraction: 0.0,
-                },
-                0.0,
-            )
-        }
-    };
-    if outcome.status == Status::Failed {
-        (outcome.overlap, outcome.rmse) = residuals(template, reference, start, overlap_distance);
-        outcome.covariance = None;
-        outcome.weak_directions.clear();
+            },
+            overlap,
+            rmse,
+            covariance: determination.covariance,
+            weak_directions: determination.weak.into_iter().map(|(_, weak)| weak).collect(),
+            stages: stages.ended,
+        };
     }
-    outcome.stages = stages.ended;
-    outcome
+    let (overlap, rmse) = residuals(template, reference, start, overlap_distance);
+    Registration {
+        reference_from_template: *start,
+        status: Status::Failed,
+        overlap,
+        rmse,
+        covariance: None,
+        weak_directions: Vec::new(),
+        stages: stages.ended,
+    }
+}
+
+fn overlap_distance(settings: &Settings, reference: &Reference) -> f64 {
+    let default = reference.default_overlap_distance();
+    settings.overlap_distance.unwrap_or(default)
 }
 
 struct Stages<'a> {
@@ -181,22 +95,200 @@ impl Stages<'_> {
     }
 }
 
+/// What the fine stage came to.
+struct Solved {
+    fine: Refined,
+    ambiguous: bool,
+}
+
 struct Work<'a> {
-    template: PointCloud,
+    template: Cow<'a, PointCloud>,
+    tree: NearestPoints,
     reference: &'a Reference,
     problem: Problem<'a>,
     settings: &'a Settings,
+    /// The template's.
+    orientation: Orientation,
+    /// Of both clouds compared.
+    sides: Sides,
     /// Of both clouds together.
     roughness: Roughness,
 }
 
-impl Work<'_> {
-    fn sample(&self, count: usize, rng: &mut ChaCha8Rng) -> Sample {
-        let picked = self.template.select(&random_indices(self.template.len(), count, rng));
-        Sample {
-            points: picked.points().to_vec(),
-            normals: picked.normals().map(<[_]>::to_vec).unwrap_or_default(),
+impl<'a> Work<'a> {
+    /// `None` when the template or the settings leave nothing to be registered.
+    fn new(template: &'a PointCloud, reference: &'a Reference, settings: &'a Settings) -> Option<Self> {
+        let (centroid, radius) = centroid_and_radius(template).ok()?;
+        if settings.icp.levels.is_empty() {
+            return None;
         }
+        let tree = NearestPoints::new(template.points());
+        let (fixed, moving) = (reference.roughness(), roughness_of(template.points(), &tree));
+        let (template, orientation) = if template.normals().is_some() {
+            (Cow::Borrowed(template), Orientation::Given)
+        } else {
+            let (estimated, orientation) = estimated(template, &tree);
+            (Cow::Owned(estimated), orientation)
+        };
+        let sides = orientation.sides().with(reference.orientation().sides());
+        Some(Self {
+            tree,
+            template,
+            reference,
+            problem: Problem {
+                reference,
+                centroid,
+                radius,
+                oriented: sides != Sides::Unknown,
+                metric: settings.icp.metric,
+                trimming: settings.icp.trimming,
+            },
+            settings,
+            orientation,
+            sides,
+            roughness: Roughness {
+                scatter: fixed.scatter.hypot(moving.scatter),
+                fuzziness: fixed.fuzziness.max(moving.fuzziness),
+            },
+        })
+    }
+
+    /// Looks for the solution from `start` and refines it; `None` when nothing fits, or nothing better than the start.
+    fn solve(&self, start: &Isometry3<f64>, rng: &mut ChaCha8Rng, stages: &mut Stages<'_>) -> Option<Solved> {
+        let judge = self.judge(rng);
+        stages.end("prepare", 0);
+        let mut candidates = vec![*start];
+        let mut iterations = self.add_near_candidate(start, &mut candidates, rng);
+        let found = if self.is_noisy() {
+            if matches!(self.settings.search, Search::Automatic | Search::Everywhere) {
+                iterations += self.add_global_candidates(&mut candidates, rng);
+            }
+            stages.end("mpe", iterations);
+            let mut coarse = self.coarse(judge, rng);
+            candidates.iter().for_each(|candidate| coarse.add(candidate));
+            candidates.extend(coarse.refined.iter().map(|candidate| candidate.pose));
+            stages.end("coarse", coarse.iterations);
+            self.fine_of_noisy(&candidates, rng).map(|solved| Solved {
+                fine: solved.fine.weighed(&self.problem, start, self.settings.weak_directions),
+                ..solved
+            })
+        } else {
+            stages.end("mpe", iterations);
+            let mut coarse = self.coarse(judge, rng);
+            candidates.iter().for_each(|candidate| coarse.add(candidate));
+            self.widen(&mut coarse, rng);
+            stages.end("coarse", coarse.iterations);
+            self.fine_of_surfaces(&coarse, start, rng)
+                .filter(|solved| coarse.is_no_worse(&solved.fine.pose, start))
+        };
+        stages.end("fine", found.as_ref().map_or(0, |solved| solved.fine.iterations));
+        found
+    }
+
+    /// Looks everywhere when what is found does not explain the clouds, or if everywhere is where to look.
+    fn widen<'b>(&'b self, coarse: &mut Coarse<'b>, rng: &mut ChaCha8Rng) {
+        let anywhere = match self.settings.search {
+            Search::StartOnly | Search::NearPart { .. } => return,
+            Search::Near => false,
+            Search::Automatic => !coarse.is_consistent(),
+            Search::Everywhere => true,
+        };
+        let overlap_distance = overlap_distance(self.settings, self.reference);
+        if !anywhere && coarse.is_explained(overlap_distance, self.roughness.scatter) {
+            return;
+        }
+        let views = self.views(rng);
+        let poses = if let Some(views) = views {
+            coarse.judge_views(views);
+            self.voted_poses(rng)
+        } else {
+            self.swarm_poses(rng)
+        };
+        coarse.add_near_poses(&poses);
+    }
+
+    /// What is needed to judge two single views by one another; `None` when one of the clouds is no single view.
+    fn views(&self, rng: &mut ChaCha8Rng) -> Option<Views<'_>> {
+        let (points, normals) = (self.reference.points(), self.reference.normals());
+        let of_reference = self.reference.orientation().camera(points, normals)?;
+        let template_normals = self.template.normals().unwrap_or(&[]);
+        let of_template = self.orientation.camera(self.template.points(), template_normals)?;
+        let spacing = median_spacing(self.template.points(), &self.tree, self.problem.radius);
+        Some(Views {
+            template: &self.template,
+            tree: &self.tree,
+            reference_sight: Sight::new(points, &of_reference, self.reference.spacing()),
+            template_sight: Sight::new(self.template.points(), &of_template, spacing),
+            sample: Sample::of(points, normals, JUDGE_COUNT, rng),
+            glances: [
+                self.sample(GLANCE_COUNT, rng),
+                Sample::of(points, normals, GLANCE_COUNT, rng),
+            ],
+        })
+    }
+
+    /// What pairs of oriented points vote for.
+    fn voted_poses(&self, rng: &mut ChaCha8Rng) -> Vec<Isometry3<f64>> {
+        let template = self.sample(VOTER_COUNT, rng);
+        let reference = Sample::of(self.reference.points(), self.reference.normals(), VOTER_COUNT, rng);
+        let radius = self.problem.radius;
+        let mut voted = voted_poses(&template, &reference, radius, VOTED_COUNT);
+        if self.sides == Sides::OneOfTwo {
+            voted.extend(voted_poses(&template.reversed(), &reference, radius, VOTED_COUNT));
+        }
+        voted
+    }
+
+    /// What a swarm of falls comes to.
+    fn swarm_poses(&self, rng: &mut ChaCha8Rng) -> Vec<Isometry3<f64>> {
+        let faller = Faller {
+            sample: self.sample(FALL_COUNT, rng),
+            centroid: self.problem.centroid,
+            radius: self.problem.radius,
+        };
+        Swarm::new(self.reference, self.sides != Sides::Unknown).best_poses(&faller, &self.reference.centroid())
+    }
+
+    fn judge(&self, rng: &mut ChaCha8Rng) -> Judge<'_> {
+        let spacing = self.reference.spacing();
+        Judge {
+            reference: self.reference,
+            sample: self.sample(JUDGE_COUNT, rng),
+            reach: (JUDGE_SPACINGS * spacing).max(overlap_distance(self.settings, self.reference)),
+            residual_scale: (JUDGE_SCATTERS * self.roughness.scatter).max(JUDGE_SCALE_SPACINGS * spacing),
+            sides: self.sides,
+            views: None,
+        }
+    }
+
+    fn coarse<'b>(&'b self, judge: Judge<'b>, rng: &mut ChaCha8Rng) -> Coarse<'b> {
+        Coarse::new(&self.problem, self.settings, judge, self.coarse_samples(rng))
+    }
+
+    /// The last level of trimmed ICP from the best candidate.
+    fn fine_of_surfaces(&self, coarse: &Coarse<'_>, start: &Isometry3<f64>, rng: &mut ChaCha8Rng) -> Option<Solved> {
+        let level = self.settings.icp.levels.last()?;
+        let best = coarse.best();
+        let mut sample = self.sample(level.sample_count, rng);
+        if best.score.reversed {
+            sample = sample.reversed();
+        }
+        let fine = finish(
+            &self.problem,
+            &sample,
+            &best.pose,
+            start,
+            level,
+            self.settings.weak_directions,
+        )?;
+        let rivals = rivals(&coarse.refined, choose(&coarse.refined));
+        let ambiguous = self.is_ambiguous(&rivals, &fine) || coarse.is_contradicted(&fine.pose);
+        Some(Solved { fine, ambiguous })
+    }
+
+    fn sample(&self, count: usize, rng: &mut ChaCha8Rng) -> Sample {
+        let normals = self.template.normals().unwrap_or(&[]);
+        Sample::of(self.template.points(), normals, count, rng)
     }
 
     /// One sample for each level of trimmed ICP but the last.
@@ -311,13 +403,10 @@ impl Work<'_> {
         }
     }
 
-    /// The solution among noise, and whether it is ambiguous.
-    fn fine_of_noisy(
-        &self,
-        fine_sample: &Sample,
-        candidates: &[Isometry3<f64>],
-        rng: &mut ChaCha8Rng,
-    ) -> Option<(Refined, bool)> {
+    /// The NFI criterion over many points, from all candidates.
+    fn fine_of_noisy(&self, candidates: &[Isometry3<f64>], rng: &mut ChaCha8Rng) -> Option<Solved> {
+        let level = self.settings.icp.levels.last()?;
+        let fine_sample = self.sample(level.sample_count, rng);
         let sample = self.sample(NFI_COUNT, rng).points;
         let reference = self.reference_sample(NFI_COUNT, rng);
         let noise = self.roughness.scatter;
@@ -328,7 +417,7 @@ impl Work<'_> {
             Some(covariance) => determination(&covariance, self.problem.radius, &TOLERANCE),
             None => Determination {
                 covariance,
-                ..self.problem.assess(fine_sample, &found.pose, reach)?
+                ..self.problem.assess(&fine_sample, &found.pose, reach)?
             },
         };
         let fine = Refined {
@@ -340,14 +429,8 @@ impl Work<'_> {
             || refined.iter().any(|rival| {
                 self.is_ambiguous(&[*rival], &fine) && may_be_preferred(&sample, &reference, &fine.pose, rival, noise)
             });
-        Some((fine, ambiguous))
+        Some(Solved { fine, ambiguous })
     }
-}
-
-fn distinct(a: &Isometry3<f64>, b: &Isometry3<f64>, centroid: &Point3<f64>, radius: f64) -> bool {
-    let turn = (a.rotation.inverse() * b.rotation).angle();
-    let shift = (a * centroid - b * centroid).norm();
-    turn > DISTINCT_RAD || shift > DISTINCT_FACTOR * radius
 }
 
 /// The 24 rotations of a cube: no rotation is more than 63 degrees from one of them.
@@ -369,6 +452,13 @@ fn spread_rotations() -> Vec<UnitQuaternion<f64>> {
         .collect()
 }
 
+/// How many template points fall in the swarm.
+const FALL_COUNT: usize = 200;
+/// How many points of each cloud are looked at in a glance.
+const GLANCE_COUNT: usize = 400;
+/// How many points of each cloud vote for poses, and how many poses come of it.
+const VOTER_COUNT: usize = 500;
+const VOTED_COUNT: usize = 60;
 /// How many template points judge a candidate.
 const JUDGE_COUNT: usize = 2000;
 /// How near a judging point must lie, in spacings of the reference.
@@ -376,10 +466,6 @@ const JUDGE_SPACINGS: f64 = 4.0;
 /// A residual that halves a judging point's weight: the larger of these multiples of scatter and spacing.
 const JUDGE_SCATTERS: f64 = 3.0;
 const JUDGE_SCALE_SPACINGS: f64 = 0.1;
-/// The fine stage may lose this much of the start's score to chance.
-const WORSE: f64 = 0.01;
-const DISTINCT_RAD: f64 = 0.09;
-const DISTINCT_FACTOR: f64 = 0.1;
 const GLOBAL_COUNT: usize = 300;
 const GLOBAL_KEPT_COUNT: usize = 6;
 const NEAR_TEMPLATE_COUNT: usize = 2000;

@@ -212,3 +212,36 @@ fn among_noise_too_a_certain_start_is_kept_and_an_uncertain_one_is_not() {
     assert!((with(1e-6).translation.vector.x - 0.03).abs() < 1e-3);
     assert!(with(10.0).translation.vector.norm() < 0.015, "{:?}", with(10.0));
 }
+
+/// The half of a blade that a camera far away towards `direction` has before the blade's middle.
+fn half(phase: f64, direction: &Vector3<f64>) -> PointCloud {
+    let whole = blade(6000, phase);
+    let centroid = whole.centroid();
+    let kept: Vec<usize> = (0..whole.len())
+        .filter(|&i| (whole.points()[i] - centroid).dot(direction) > 0.0)
+        .collect();
+    whole.select(&kept)
+}
+
+#[test]
+fn views_turned_at_will_are_found_or_said_to_be_ambiguous() {
+    let camera = |azimuth: f64| Vector3::new(azimuth.cos(), azimuth.sin(), 0.4).normalize();
+    let settings = Settings {
+        search: Search::Automatic,
+        ..Settings::default()
+    };
+    let mut found_count = 0;
+    for turn in [Vector3::new(2.0, -1.0, 0.5), Vector3::new(-0.3, 0.4, 3.0)] {
+        let truth = Isometry3::new(Vector3::new(0.4, -0.8, 1.5), turn);
+        let reference = half(0.5, &camera(1.2)).transformed(&truth);
+        let found = run(&half(0.0, &camera(0.9)), &reference, &Isometry3::identity(), &settings);
+        let (turned, shifted) = errors(&truth, &found);
+        let is_right = turned < 0.02 && shifted < 0.05;
+        assert!(
+            is_right || found.status != Status::Converged,
+            "{turn}: {turned} {shifted} {found:?}"
+        );
+        found_count += usize::from(is_right);
+    }
+    assert_eq!(found_count, 2);
+}
