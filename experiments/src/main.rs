@@ -3,6 +3,7 @@
 mod bench;
 mod cases;
 mod golden;
+mod kabsch;
 mod model;
 mod pairs;
 mod speed;

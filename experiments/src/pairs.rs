@@ -17,6 +17,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
 use crate::cases::{self, Errors};
+use crate::kabsch;
 
 /// Registers every case folder under a root from the identity.
 #[derive(Args)]
@@ -42,6 +43,9 @@ pub(crate) struct PairsArguments {
     /// registered; this seeds the draws. Scored in the case's own frame.
     #[arg(long, value_name = "SEED")]
     turned: Option<u64>,
+    /// Prints the ratio of the errors to those of the known correspondences, for cases whose points repeat.
+    #[arg(long)]
+    kabsch: bool,
     /// Prints a line for every case, with the stages.
     #[arg(long)]
     verbose: bool,
@@ -65,6 +69,7 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
         ..Settings::default()
     };
     let mut groups: BTreeMap<String, Vec<Outcome>> = BTreeMap::new();
+    let mut known = kabsch::Table::default();
     for (index, case) in cases.iter().enumerate() {
         let source = cases::cloud(&case.folder.join("source.ply"))?;
         let turn = arguments
@@ -95,6 +100,7 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
         let seconds = begun.elapsed().as_secs_f64();
         let estimate = found.reference_from_template * turn;
         let errors = cases::errors(case, &source, &estimate);
+        known.add(case, &source, &target, &turn, &found);
         let relative = case.folder.strip_prefix(&arguments.root)?;
         if let Some(folder) = &arguments.out {
             let path = folder.join(format!("{}.txt", relative.display()));
@@ -166,6 +172,9 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
         "all: {} cases, {} right, {} converged, {} converged but wrong",
         all.0, all.1, all.2, all.3
     )?;
+    if arguments.kabsch {
+        known.print(&mut out)?;
+    }
     Ok(())
 }
 
