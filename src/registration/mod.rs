@@ -14,8 +14,10 @@ pub mod mpe;
 mod coarse;
 mod consistency;
 mod facing;
+mod mixture;
 mod nfi;
 mod normal_matrix;
+mod pointwise;
 mod reference;
 mod search;
 #[cfg(test)]
@@ -99,12 +101,13 @@ pub enum Search {
 /// What ends the work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FineStage {
-    /// Trimmed ICP, unless the clouds' roughness is of the order of their spacing: then the NFI criterion.
+    /// Trimmed ICP, unless the clouds' roughness is of the order of their spacing or one repeats the points of the other:
+    /// then as `Pointwise`.
     Automatic,
     /// Trimmed ICP, as in the paper.
     TrimmedIcp,
-    /// The NFI criterion over all points (a few thousand of each cloud), for noisy clouds.
-    FullSampleNfi,
+    /// The most likely pose when the points of one cloud (a few thousand) are those of the other with noise.
+    Pointwise,
 }
 
 /// What is done about directions that the surfaces do not determine (a smooth airfoil along its span).

@@ -8,9 +8,10 @@ use super::coarse::{Coarse, choose, rivals};
 use super::consistency::{Judge, residuals};
 use super::icp::{Problem, Refined, Sample, finish};
 use super::mpe::{Descent, descend};
-use super::nfi::minimum;
+use super::nfi::minima;
+use super::pointwise::{Pointwise, Roles, Solution};
 use super::reference::{estimated, rms_radius, roughness_of};
-use super::uncertainty::{Tolerance, covariance_of_minimum, determination, may_be_preferred};
+use super::uncertainty::{Tolerance, determination};
 use super::{
     Determination, FineStage, Overlap, POINT_MIN_COUNT, Reference, Registration, Search, Settings, Stage, Status,
 };
@@ -55,6 +56,7 @@ pub(super) fn run(
     let work = Work {
         template: prepared,
         roughness,
+        roles: Roles::of(moving.scatter, fixed.scatter),
         reference,
         problem: Problem {
             reference,
@@ -113,15 +115,11 @@ pub(super) fn run(
         work.fine_of_noisy(&fine_sample, &candidates, &mut rng)
     } else {
         let pose = &refined[chosen].pose;
-        finish(
-            &work.problem,
-            &fine_sample,
-            pose,
-            start,
-            last_level,
-            settings.weak_directions,
-        )
-        .map(|fine| {
+        let by_surface = || {
+            let weak_directions = settings.weak_directions;
+            finish(&work.problem, &fine_sample, pose, start, last_level, weak_directions)
+        };
+        work.fine_of_repeated(pose, &mut rng).or_else(by_surface).map(|fine| {
             let ambiguous = work.is_ambiguous(&rivals, &fine);
             (fine, ambiguous)
         })
@@ -192,6 +190,8 @@ struct Work<'a> {
     settings: &'a Settings,
     /// Of both clouds together.
     roughness: Roughness,
+    /// Whose points are taken for the truth where points are compared.
+    roles: Roles,
 }
 
 impl Work<'_> {
@@ -306,12 +306,12 @@ impl Work<'_> {
         })
     }
 
-    /// Whether the fine stage is full-sample NFI.
+    /// Whether the fine stage is pointwise whatever comes.
     fn is_noisy(&self) -> bool {
         match self.settings.fine {
             FineStage::Automatic => self.roughness.fuzziness > NOISY_FUZZINESS,
             FineStage::TrimmedIcp => false,
-            FineStage::FullSampleNfi => true,
+            FineStage::Pointwise => true,
         }
     }
 
@@ -322,29 +322,85 @@ impl Work<'_> {
         candidates: &[Isometry3<f64>],
         rng: &mut ChaCha8Rng,
     ) -> Option<(Refined, bool)> {
-        let sample = self.sample(NFI_COUNT, rng).points;
-        let reference = self.reference_sample(NFI_COUNT, rng);
+        let (template, reference) = self.point_samples(rng);
         let noise = self.roughness.scatter;
-        let (found, refined) = minimum(&sample, &reference, candidates, noise)?;
-        let reach = (3.0 * self.roughness.scatter).max(self.reference.default_overlap_distance());
-        let covariance = covariance_of_minimum(&sample, &reference, &found.pose, noise);
-        let determination = match covariance {
+        let minima = minima(&template.points, &reference.points, candidates, noise);
+        let mut iterations = minima.iter().map(|minimum| minimum.iterations).sum();
+        let mut starts: Vec<Isometry3<f64>> = Vec::new();
+        for minimum in &minima {
+            if starts.len() < POINTWISE_KEPT_COUNT && starts.iter().all(|other| self.is_distinct(other, &minimum.pose))
+            {
+                starts.push(minimum.pose);
+            }
+        }
+        let pointwise = Pointwise::new(&template, &reference, self.roles)?;
+        let solutions: Vec<Solution> = starts
+            .iter()
+            .filter_map(|start| pointwise.solve(start, START_NOISE_FACTOR * noise))
+            .collect();
+        iterations += solutions.iter().map(Solution::iterations).sum::<u32>();
+        let mut best = *solutions.first()?;
+        for solution in &solutions {
+            if solution.log_likelihood() > best.log_likelihood() {
+                best = *solution;
+            }
+        }
+        let determination = match pointwise.covariance(&best) {
             Some(covariance) => determination(&covariance, self.problem.radius, &TOLERANCE),
-            None => Determination {
-                covariance,
-                ..self.problem.assess(fine_sample, &found.pose, reach)?
-            },
+            None => {
+                let reach = (3.0 * noise).max(self.reference.default_overlap_distance());
+                Determination {
+                    covariance: None,
+                    ..self.problem.assess(fine_sample, &best.reference_from_template, reach)?
+                }
+            }
         };
         let fine = Refined {
-            pose: found.pose,
-            iterations: found.iterations,
+            pose: best.reference_from_template,
+            iterations,
             determination,
         };
-        let ambiguous = covariance.is_none()
-            || refined.iter().any(|rival| {
-                self.is_ambiguous(&[*rival], &fine) && may_be_preferred(&sample, &reference, &fine.pose, rival, noise)
+        let ambiguous = fine.determination.covariance.is_none()
+            || solutions.iter().any(|rival| {
+                self.is_ambiguous(&[rival.reference_from_template], &fine) && pointwise.may_be_preferred(&best, rival)
             });
         Some((fine, ambiguous))
+    }
+
+    /// The solution near `pose` if the reference repeats the template's points, but for noise and outliers; `None` when
+    /// their surfaces say more.
+    fn fine_of_repeated(&self, pose: &Isometry3<f64>, rng: &mut ChaCha8Rng) -> Option<Refined> {
+        let roughness = &self.roughness;
+        if self.settings.fine == FineStage::TrimmedIcp || roughness.fuzziness < POINTWISE_FUZZINESS {
+            return None;
+        }
+        let (template, reference) = self.point_samples(rng);
+        let pointwise = Pointwise::new(&template, &reference, self.roles)?;
+        let solution = pointwise.solve(pose, START_NOISE_FACTOR * roughness.scatter)?;
+        if solution.noise() > roughness.scatter || !pointwise.is_noise(&solution) {
+            return None;
+        }
+        let covariance = pointwise.covariance(&solution)?;
+        Some(Refined {
+            pose: solution.reference_from_template,
+            iterations: solution.iterations(),
+            determination: determination(&covariance, self.problem.radius, &TOLERANCE),
+        })
+    }
+
+    /// Both clouds, or some of their points, to be compared point by point.
+    fn point_samples(&self, rng: &mut ChaCha8Rng) -> (Sample, Sample) {
+        let template = self.sample(POINT_COUNT, rng);
+        let picked = random_indices(self.reference.points().len(), POINT_COUNT, rng);
+        let reference = Sample {
+            points: picked.iter().map(|&index| self.reference.points()[index]).collect(),
+            normals: picked.iter().map(|&index| self.reference.normals()[index]).collect(),
+        };
+        (template, reference)
+    }
+
+    fn is_distinct(&self, a: &Isometry3<f64>, b: &Isometry3<f64>) -> bool {
+        distinct(a, b, &self.problem.centroid, self.problem.radius)
     }
 }
 
@@ -395,8 +451,14 @@ const TOLERANCE: Tolerance = Tolerance {
     turn_rad: 0.0175,
     shift_factor: 0.03,
 };
-/// How many points of each cloud take part in full-sample NFI.
-const NFI_COUNT: usize = 4000;
+/// How many points of each cloud are compared point by point.
+const POINT_COUNT: usize = 4000;
+/// How many distinct poses are solved among noise.
+const POINTWISE_KEPT_COUNT: usize = 4;
+/// The noise at the start, in scatters: a basin somewhat wider than that of the solution.
+const START_NOISE_FACTOR: f64 = 1.5;
+/// Below this fuzziness the surfaces are so smooth that they always say more than the points.
+const POINTWISE_FUZZINESS: f64 = 0.15;
 
 #[cfg(test)]
 mod tests {
