@@ -5,6 +5,7 @@ mod cases;
 mod golden;
 mod kabsch;
 mod model;
+mod mpe;
 mod pairs;
 mod speed;
 
@@ -23,6 +24,8 @@ enum Command {
     Pairs(pairs::PairsArguments),
     /// Registers the views of a folder one after the other to the growing model.
     Model(model::ModelArguments),
+    /// Compares MPE's formulations, stride rules and softening schedules on samples of the blades under a root.
+    Mpe(mpe::MpeArguments),
     /// Checks client and simulated controller against golden HSES frames.
     Golden(golden::GoldenArguments),
     /// Prints one table of the registration's speed: kernels, full-sample MPE, one view by stage.
@@ -35,6 +38,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     match Arguments::parse().command {
         Command::Pairs(arguments) => pairs::run(&arguments),
         Command::Model(arguments) => model::run(&arguments),
+        Command::Mpe(arguments) => mpe::run(&arguments),
         Command::Golden(arguments) => golden::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
         Command::Speed => speed::run(),

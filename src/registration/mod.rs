@@ -20,6 +20,7 @@ mod normal_matrix;
 mod pointwise;
 mod reference;
 mod search;
+mod stride;
 #[cfg(test)]
 pub(crate) mod testing;
 #[cfg(test)]
@@ -34,7 +35,7 @@ use rand_chacha::rand_core::SeedableRng;
 pub use self::consistency::overlap;
 pub use self::field::Summation;
 pub use self::icp::{IcpLevel, IcpSettings, Metric, Trimming};
-pub use self::mpe::{Formulation, Halving, MpeSettings, Stop};
+pub use self::mpe::{Formulation, Halving, MpeSettings, Stop, Stride};
 pub use self::reference::{POINT_MIN_COUNT, Reference, RegisterError};
 use crate::geometry::PointCloud;
 

@@ -4,10 +4,10 @@
 //! criterion, with ε² of the order of the noise, has a wide basin; it is minimised by a quasi-Newton method (BFGS), the
 //! exact gradient being minus the total force and torque. How well it explains all points tells the minima apart.
 
-use nalgebra::{Isometry3, Matrix6, Point3, Vector6};
+use nalgebra::{Isometry3, Point3};
 
 use super::mpe::System;
-use super::twist::moved;
+use super::stride::{Reach, quasi_newton};
 
 /// Where a descent ended.
 #[derive(Debug, Clone, Copy)]
@@ -36,9 +36,9 @@ pub(super) fn minima(
     let descended = |candidate: &Isometry3<f64>| {
         let (mut pose, mut iterations) = (*candidate, 0);
         for factor in SOFTENING_FACTORS {
-            let found = minimise(&thin, &pose, factor * softening);
+            let found = quasi_newton(&thin, &pose, factor * softening, &REACH);
             pose = found.pose;
-            iterations += found.iterations;
+            iterations += found.evaluation_count;
         }
         Minimum {
             pose,
@@ -58,83 +58,16 @@ fn thinned(points: &[Point3<f64>]) -> Vec<Point3<f64>> {
         .collect()
 }
 
-/// Goes downhill in energy from `start`. Unknowns are a turn about the template's centroid times its radius of gyration
-/// and a shift, both over the reference's radius.
-fn minimise(system: &System<'_>, start: &Isometry3<f64>, softening: f64) -> Minimum {
-    let gyration = system.gyration();
-    let evaluate = |pose: &Isometry3<f64>| {
-        let loads = system.loads(pose, softening);
-        let (turn, shift) = (-loads.torque / gyration, -loads.force);
-        let gradient = Vector6::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z);
-        (loads.energy, gradient, loads.pivot)
-    };
-    let mut pose = *start;
-    let (mut energy, mut gradient, mut pivot) = evaluate(&pose);
-    let mut inverse_hessian: Option<Matrix6<f64>> = None;
-    let mut iterations = 0;
-    while iterations < ITERATION_MAX_COUNT {
-        iterations += 1;
-        let mut step = match &inverse_hessian {
-            Some(inverse) => -(inverse * gradient),
-            None => -gradient * (FIRST_STEP / gradient.norm().max(f64::MIN_POSITIVE)),
-        };
-        if step.dot(&gradient) >= 0.0 {
-            inverse_hessian = None;
-            step = -gradient * (FIRST_STEP / gradient.norm().max(f64::MIN_POSITIVE));
-        }
-        let length = step.norm();
-        if length > STEP_MAX {
-            step *= STEP_MAX / length;
-        }
-        let slope = step.dot(&gradient);
-        let mut taken = None;
-        for _ in 0..BACKTRACK_MAX_COUNT {
-            let turned = step.fixed_rows::<3>(0) / gyration;
-            let shifted = step.fixed_rows::<3>(3) * system.radius();
-            let motion = Vector6::new(turned.x, turned.y, turned.z, shifted.x, shifted.y, shifted.z);
-            let next = moved(&pose, &pivot, &motion);
-            let (next_energy, next_gradient, next_pivot) = evaluate(&next);
-            let share = step.dot(&gradient) / slope;
-            if next_energy <= energy + 1e-4 * share * slope {
-                taken = Some((next, next_energy, next_gradient, next_pivot));
-                break;
-            }
-            step *= 0.35;
-        }
-        let Some((next, next_energy, next_gradient, next_pivot)) = taken else {
-            break;
-        };
-        let change = next_gradient - gradient;
-        let curvature = change.dot(&step);
-        if curvature > 1e-12 * change.norm() * step.norm() {
-            let inverse = inverse_hessian.unwrap_or_else(|| Matrix6::identity() * (curvature / change.norm_squared()));
-            let left = Matrix6::identity() - step * change.transpose() / curvature;
-            inverse_hessian = Some(left * inverse * left.transpose() + step * step.transpose() / curvature);
-        }
-        let gained = energy - next_energy;
-        (pose, energy, gradient, pivot) = (next, next_energy, next_gradient, next_pivot);
-        if step.norm() < STEP_MIN || gained < ENERGY_FRACTION_MIN * energy.abs() {
-            break;
-        }
-    }
-    Minimum {
-        pose,
-        energy,
-        iterations,
-    }
-}
-
 const THIN_COUNT: usize = 1000;
 /// ε² of the descents one after the other, in multiples of the noise.
 const SOFTENING_FACTORS: [f64; 2] = [4.0, 1.5];
-const ITERATION_MAX_COUNT: u32 = 60;
-const BACKTRACK_MAX_COUNT: u32 = 12;
-/// Lengths of steps over the reference's radius.
-const FIRST_STEP: f64 = 0.02;
-const STEP_MAX: f64 = 0.1;
-const STEP_MIN: f64 = 1e-6;
-/// A smaller relative gain is rounding in single precision.
-const ENERGY_FRACTION_MIN: f64 = 1e-9;
+/// Of the descents.
+const REACH: Reach = Reach {
+    first: 0.02,
+    most: 0.1,
+    least: 1e-6,
+    evaluation_max_count: 80,
+};
 
 #[cfg(test)]
 mod tests {
