@@ -16,6 +16,7 @@ mod consistency;
 mod facing;
 mod mixture;
 mod nfi;
+mod noisy;
 mod normal_matrix;
 mod pointwise;
 mod reference;

@@ -8,8 +8,8 @@ use super::coarse::{Coarse, choose, rivals};
 use super::consistency::{Judge, residuals};
 use super::icp::{Problem, Refined, Sample, finish};
 use super::mpe::{Descent, descend};
-use super::nfi::minima;
-use super::pointwise::{Pointwise, Roles, Solution};
+use super::noisy::Noisy;
+use super::pointwise::Roles;
 use super::reference::{estimated, rms_radius, roughness_of};
 use super::uncertainty::{Tolerance, determination};
 use super::{
@@ -86,7 +86,8 @@ pub(super) fn run(
 
     let samples = work.coarse_samples(&mut rng);
     let mut coarse = Coarse::new(&work.problem, settings, &judge, samples);
-    for candidate in &candidates {
+    // Among noise trimmed ICP leads away: there it only serves the start.
+    for candidate in &candidates[..if noisy { 1 } else { candidates.len() }] {
         coarse.add(candidate);
     }
     let explained = |coarse: &Coarse<'_>| noisy || coarse.is_explained(overlap_distance, roughness.scatter);
@@ -111,7 +112,6 @@ pub(super) fn run(
     let fine_sample = work.sample(last_level.sample_count, &mut rng);
     let start_score = judge.score(reference, start);
     let fine = if noisy {
-        candidates.extend(refined.iter().map(|candidate| candidate.pose));
         work.fine_of_noisy(&fine_sample, &candidates, &mut rng)
     } else {
         let pose = &refined[chosen].pose;
@@ -119,9 +119,11 @@ pub(super) fn run(
             let weak_directions = settings.weak_directions;
             finish(&work.problem, &fine_sample, pose, start, last_level, weak_directions)
         };
-        work.fine_of_repeated(pose, &mut rng).or_else(by_surface).map(|fine| {
-            let ambiguous = work.is_ambiguous(&rivals, &fine);
-            (fine, ambiguous)
+        work.fine_of_repeated(pose, &rivals, &mut rng).or_else(|| {
+            by_surface().map(|fine| {
+                let ambiguous = work.is_ambiguous(&rivals, &fine);
+                (fine, ambiguous)
+            })
         })
     };
     // The score needs surfaces; among noise the energy has chosen.
@@ -322,81 +324,64 @@ impl Work<'_> {
         candidates: &[Isometry3<f64>],
         rng: &mut ChaCha8Rng,
     ) -> Option<(Refined, bool)> {
-        let (template, reference) = self.point_samples(rng);
-        let noise = self.roughness.scatter;
-        let minima = minima(&template.points, &reference.points, candidates, noise);
-        let mut iterations = minima.iter().map(|minimum| minimum.iterations).sum();
-        let mut starts: Vec<Isometry3<f64>> = Vec::new();
-        for minimum in &minima {
-            if starts.len() < POINTWISE_KEPT_COUNT && starts.iter().all(|other| self.is_distinct(other, &minimum.pose))
-            {
-                starts.push(minimum.pose);
-            }
-        }
-        let pointwise = Pointwise::new(&template, &reference, self.roles)?;
-        let solutions: Vec<Solution> = starts
-            .iter()
-            .filter_map(|start| pointwise.solve(start, START_NOISE_FACTOR * noise))
-            .collect();
-        iterations += solutions.iter().map(Solution::iterations).sum::<u32>();
-        let mut best = *solutions.first()?;
-        for solution in &solutions {
-            if solution.log_likelihood() > best.log_likelihood() {
-                best = *solution;
-            }
-        }
-        let determination = match pointwise.covariance(&best) {
+        let found = self
+            .noisy(POINT_COUNT, rng)
+            .best_of(candidates, &|a, b| self.is_distinct(a, b))?;
+        let determination = match found.covariance {
             Some(covariance) => determination(&covariance, self.problem.radius, &TOLERANCE),
             None => {
-                let reach = (3.0 * noise).max(self.reference.default_overlap_distance());
+                let reach = (3.0 * self.roughness.scatter).max(self.reference.default_overlap_distance());
                 Determination {
                     covariance: None,
-                    ..self.problem.assess(fine_sample, &best.reference_from_template, reach)?
+                    ..self.problem.assess(fine_sample, &found.pose, reach)?
                 }
             }
         };
         let fine = Refined {
-            pose: best.reference_from_template,
-            iterations,
+            pose: found.pose,
+            iterations: found.iterations,
             determination,
         };
-        let ambiguous = fine.determination.covariance.is_none()
-            || solutions.iter().any(|rival| {
-                self.is_ambiguous(&[rival.reference_from_template], &fine) && pointwise.may_be_preferred(&best, rival)
-            });
+        let ambiguous = found.covariance.is_none() || self.is_ambiguous(&found.rivals, &fine);
         Some((fine, ambiguous))
     }
 
-    /// The solution near `pose` if the reference repeats the template's points, but for noise and outliers; `None` when
-    /// their surfaces say more.
-    fn fine_of_repeated(&self, pose: &Isometry3<f64>, rng: &mut ChaCha8Rng) -> Option<Refined> {
-        let roughness = &self.roughness;
-        if self.settings.fine == FineStage::TrimmedIcp || roughness.fuzziness < POINTWISE_FUZZINESS {
+    /// The solution near `pose` if the reference repeats the template's points, but for noise and outliers, and whether a
+    /// rival might be it; `None` when their surfaces say more.
+    fn fine_of_repeated(
+        &self,
+        pose: &Isometry3<f64>,
+        rivals: &[Isometry3<f64>],
+        rng: &mut ChaCha8Rng,
+    ) -> Option<(Refined, bool)> {
+        let longest = self.template.len().max(self.reference.points().len());
+        if self.settings.fine == FineStage::TrimmedIcp || longest > REPEATED_MAX_COUNT {
             return None;
         }
-        let (template, reference) = self.point_samples(rng);
-        let pointwise = Pointwise::new(&template, &reference, self.roles)?;
-        let solution = pointwise.solve(pose, START_NOISE_FACTOR * roughness.scatter)?;
-        if solution.noise() > roughness.scatter || !pointwise.is_noise(&solution) {
-            return None;
-        }
-        let covariance = pointwise.covariance(&solution)?;
-        Some(Refined {
-            pose: solution.reference_from_template,
-            iterations: solution.iterations(),
-            determination: determination(&covariance, self.problem.radius, &TOLERANCE),
-        })
+        let found = self
+            .noisy(REPEATED_MAX_COUNT, rng)
+            .repeated(pose, rivals, &|a, b| self.is_distinct(a, b))?;
+        let fine = Refined {
+            pose: found.pose,
+            iterations: found.iterations,
+            determination: determination(&found.covariance?, self.problem.radius, &TOLERANCE),
+        };
+        let ambiguous = self.is_ambiguous(&found.rivals, &fine);
+        Some((fine, ambiguous))
     }
 
-    /// Both clouds, or some of their points, to be compared point by point.
-    fn point_samples(&self, rng: &mut ChaCha8Rng) -> (Sample, Sample) {
-        let template = self.sample(POINT_COUNT, rng);
-        let picked = random_indices(self.reference.points().len(), POINT_COUNT, rng);
-        let reference = Sample {
-            points: picked.iter().map(|&index| self.reference.points()[index]).collect(),
-            normals: picked.iter().map(|&index| self.reference.normals()[index]).collect(),
-        };
-        (template, reference)
+    fn noisy(&self, count: usize, rng: &mut ChaCha8Rng) -> Noisy {
+        let template = self.sample(count, rng);
+        let picked = random_indices(self.reference.points().len(), count, rng);
+        Noisy {
+            template,
+            reference: Sample {
+                points: picked.iter().map(|&index| self.reference.points()[index]).collect(),
+                normals: picked.iter().map(|&index| self.reference.normals()[index]).collect(),
+            },
+            roles: self.roles,
+            scatter: self.roughness.scatter,
+        }
     }
 
     fn is_distinct(&self, a: &Isometry3<f64>, b: &Isometry3<f64>) -> bool {
@@ -451,14 +436,10 @@ const TOLERANCE: Tolerance = Tolerance {
     turn_rad: 0.0175,
     shift_factor: 0.03,
 };
-/// How many points of each cloud are compared point by point.
+/// How many points of each cloud are compared point by point among noise.
 const POINT_COUNT: usize = 4000;
-/// How many distinct poses are solved among noise.
-const POINTWISE_KEPT_COUNT: usize = 4;
-/// The noise at the start, in scatters: a basin somewhat wider than that of the solution.
-const START_NOISE_FACTOR: f64 = 1.5;
-/// Below this fuzziness the surfaces are so smooth that they always say more than the points.
-const POINTWISE_FUZZINESS: f64 = 0.15;
+/// With more points a cloud is compared by its surface: samples of it repeat nothing.
+const REPEATED_MAX_COUNT: usize = 10_000;
 
 #[cfg(test)]
 mod tests {

@@ -154,7 +154,7 @@ pub(super) fn determination(covariance: &Matrix6<f64>, gyration: f64, tolerance:
 }
 
 /// Whether other samples of the same surfaces might have preferred the rival to the best model: the likelihood there is
-/// lower by less than three standard deviations of the difference, the single lookers' differences taken as independent
+/// lower by no more than three standard deviations of the difference, the single lookers' differences taken as independent
 /// and the centres' part taken to be as large.
 pub(super) fn may_be_preferred(best: &[Word], rival: &[Word]) -> bool {
     let differences = || {
@@ -165,7 +165,7 @@ pub(super) fn may_be_preferred(best: &[Word], rival: &[Word]) -> bool {
     let gap: f64 = differences().sum();
     let mean = gap / best.len().max(1) as f64;
     let variance: f64 = differences().map(|difference| (difference - mean).powi(2)).sum();
-    gap < PREFERENCE_SIGMAS * (2.0 * variance).sqrt()
+    gap <= PREFERENCE_SIGMAS * (2.0 * variance).sqrt()
 }
 
 /// Steps of the central differences: of a motion in σ, of the logarithms.
