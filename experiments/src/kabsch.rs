@@ -9,9 +9,10 @@ use std::io::Write;
 
 use bladescan::geometry::PointCloud;
 use bladescan::registration::Registration;
-use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
 
 use crate::cases::{self, Case};
+use crate::doubt::normalised;
 
 /// Outcomes by kind and level of the cases, over all models.
 #[derive(Default)]
@@ -56,7 +57,11 @@ impl Table {
         self.groups.entry((key("exp"), key("level"))).or_default().push(Row {
             rmse: errors.rmse,
             bound,
-            normalised: normalised(case, source, turn, found),
+            normalised: normalised(
+                found,
+                &(cases::isometry(&case.truth) * turn.inverse()),
+                &(turn * source.centroid()),
+            ),
             success: errors.success,
             status: format!("{:?}", found.status),
         });
@@ -129,18 +134,6 @@ fn motion_between(from: &[Point3<f64>], to: &[Point3<f64>]) -> Isometry3<f64> {
     let rotation = u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, mirrored)) * v_t;
     let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
     Isometry3::from_parts((there - rotation * here).into(), rotation)
-}
-
-/// The error as a motion about the template's centroid, squared in the metric of the stated covariance.
-fn normalised(case: &Case, source: &PointCloud, turn: &Isometry3<f64>, found: &Registration) -> Option<f64> {
-    let inverse = found.covariance?.try_inverse()?;
-    let truth = cases::isometry(&case.truth) * turn.inverse();
-    let centroid = turn * source.centroid();
-    let estimate = &found.reference_from_template;
-    let turned = (estimate.rotation * truth.rotation.inverse()).scaled_axis();
-    let shifted = estimate * centroid - truth * centroid;
-    let error = Vector6::new(turned.x, turned.y, turned.z, shifted.x, shifted.y, shifted.z);
-    Some((error.transpose() * inverse * error)[0])
 }
 
 /// The noise of the outlier cases, in the blade's half extent.

@@ -2,6 +2,7 @@
 
 mod bench;
 mod cases;
+mod doubt;
 mod golden;
 mod kabsch;
 mod model;
@@ -24,6 +25,8 @@ enum Command {
     Pairs(pairs::PairsArguments),
     /// Registers the views of a folder one after the other to the growing model.
     Model(model::ModelArguments),
+    /// Compares errors among noise with the covariance that is stated.
+    Doubt(doubt::DoubtArguments),
     /// Compares MPE's formulations, stride rules and softening schedules on samples of the blades under a root.
     Mpe(mpe::MpeArguments),
     /// Checks client and simulated controller against golden HSES frames.
@@ -38,6 +41,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     match Arguments::parse().command {
         Command::Pairs(arguments) => pairs::run(&arguments),
         Command::Model(arguments) => model::run(&arguments),
+        Command::Doubt(arguments) => doubt::run(&arguments),
         Command::Mpe(arguments) => mpe::run(&arguments),
         Command::Golden(arguments) => golden::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),

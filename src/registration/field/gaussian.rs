@@ -204,3 +204,85 @@ const POWERS: [f32; 6] = [
     0.001_333_355_8,
     0.000_154_035_3,
 ];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn points(count: u32, phase: f64) -> Vec<Point3<f64>> {
+        (0..count)
+            .map(|i| {
+                let t = f64::from(i) * 0.7 + phase;
+                Point3::new(t.sin(), (1.3 * t).cos() * 0.7, (0.37 * t).sin() * 0.4)
+            })
+            .collect()
+    }
+
+    #[test]
+    fn affinities_are_the_sums_over_all_pairs() {
+        let fixed = points(333, 0.0);
+        let masses: Vec<f64> = (0..333).map(|i| f64::from(i % 7) - 2.0).collect();
+        let pose = Isometry3::new(Vector3::new(0.1, -0.05, 0.02), Vector3::new(0.1, 0.2, -0.3));
+        let lookers = Lookers::new(&points(71, 0.2));
+        for sigma in [0.02, 0.2, 2.0] {
+            let found = Gaussians::new(&fixed, Some(&masses)).affinities(&lookers, &pose, sigma);
+            for (point, found) in lookers.points().iter().zip(found) {
+                let (mut sum, mut offset, mut squared, mut size) = (0.0, Vector3::zeros(), 0.0, 0.0);
+                for (fixed, mass) in fixed.iter().zip(&masses) {
+                    let away = fixed - pose * point;
+                    let g = mass * (-away.norm_squared() / (2.0 * sigma * sigma)).exp();
+                    sum += g;
+                    offset += away * g;
+                    squared += away.norm_squared() * g;
+                    size += g.abs();
+                }
+                // What lies beyond the reach is less than e^(-12.5) of a mass each.
+                let slack = 1e-5 * size + 333.0 * 4.0 * 4e-6;
+                assert!((found.sum - sum).abs() < slack, "{sigma}: {found:?} {sum}");
+                assert!((found.offset - offset).norm() < slack, "{sigma}: {found:?} {offset}");
+                assert!((found.squared - squared).abs() < slack, "{sigma}: {found:?} {squared}");
+            }
+        }
+    }
+
+    #[test]
+    fn every_kernel_gives_the_same_bits() {
+        let lookers = Lookers::new(&points(71, 0.2));
+        let with = |kernel| {
+            let gaussians = Gaussians {
+                kernel,
+                ..Gaussians::new(&points(333, 0.0), None)
+            };
+            gaussians.affinities(&lookers, &Isometry3::identity(), 0.1)
+        };
+        for kernel in Kernel::available() {
+            assert_eq!(with(kernel), with(Kernel::fastest()), "{}", kernel.name());
+        }
+    }
+
+    #[test]
+    fn powers_of_two_are_as_exact_as_single_precision() {
+        for i in 0..100_000 {
+            let t = -f64::from(i) * 1e-3;
+            let error = f64::from(power_of_two(t as f32)) / f64::from(t as f32).exp2() - 1.0;
+            assert!(error.abs() < 4e-7, "{t} {error}");
+        }
+        assert_eq!(power_of_two(0.0), 1.0);
+        for far in [-1e3, f32::NEG_INFINITY, f32::NAN] {
+            assert_eq!(power_of_two(far), power_of_two(-100.0));
+        }
+    }
+
+    #[test]
+    fn nobody_claims_where_there_is_nobody() {
+        let lookers = Lookers::new(&points(3, 0.0));
+        let found = Gaussians::new(&[], None).affinities(&lookers, &Isometry3::identity(), 0.1);
+        assert!(found.iter().all(|affinity| affinity.sum == 0.0));
+        let nobody = Lookers::new(&[]);
+        assert!(
+            Gaussians::new(&points(3, 0.0), None)
+                .affinities(&nobody, &Isometry3::identity(), 0.1)
+                .is_empty()
+        );
+    }
+}
