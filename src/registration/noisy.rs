@@ -66,17 +66,24 @@ impl Noisy {
         Some(found(&all, &best, &solved, descended + climbed, distinct))
     }
 
-    /// The solution near `pose`, if one cloud repeats the other's points but for noise and outliers; `None` when their
-    /// surfaces say more. `rivals` are other poses that might do as well.
+    /// Where the best of the flips of a pose descends to.
+    pub(super) fn flipped(&self, pose: &Isometry3<f64>) -> Option<Isometry3<f64>> {
+        let flips = flips(&self.template.points, pose);
+        let minima = minima(&self.template.points, &self.reference.points, &flips, self.scatter);
+        minima.first().map(|minimum| minimum.pose)
+    }
+
+    /// The solution near `start`, if there one cloud repeats the other's points but for noise and outliers; `None` when
+    /// their surfaces say more. `rivals` are other poses that might do as well.
     pub(super) fn repeated(
         &self,
-        pose: &Isometry3<f64>,
+        start: &Isometry3<f64>,
         rivals: &[Isometry3<f64>],
         distinct: &dyn Fn(&Isometry3<f64>, &Isometry3<f64>) -> bool,
     ) -> Option<Found> {
         let all = Pointwise::new(&self.template, &self.reference, self.roles)?;
         let noise = START_NOISE_FACTOR * self.scatter;
-        let best = all.solve(pose, noise)?;
+        let best = all.solve(start, noise)?;
         if best.noise() > NOISE_MAX_FACTOR * self.scatter || !all.is_noise(&best) {
             return None;
         }

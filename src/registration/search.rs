@@ -104,6 +104,7 @@ pub(super) fn run(
         coarse.add_turned_starts(start);
     }
     let coarse_iterations = coarse.iterations + global_iterations;
+    let consistent = coarse.is_consistent();
     let refined = coarse.refined;
     let chosen = choose(&refined);
     let rivals = rivals(&refined, chosen);
@@ -119,7 +120,7 @@ pub(super) fn run(
             let weak_directions = settings.weak_directions;
             finish(&work.problem, &fine_sample, pose, start, last_level, weak_directions)
         };
-        work.fine_of_repeated(pose, &rivals, &mut rng).or_else(|| {
+        work.fine_of_repeated(pose, consistent, &rivals, &mut rng).or_else(|| {
             by_surface().map(|fine| {
                 let ambiguous = work.is_ambiguous(&rivals, &fine);
                 (fine, ambiguous)
@@ -346,11 +347,12 @@ impl Work<'_> {
         Some((fine, ambiguous))
     }
 
-    /// The solution near `pose` if the reference repeats the template's points, but for noise and outliers, and whether a
-    /// rival might be it; `None` when their surfaces say more.
+    /// The solution near `pose`, or near the best flip of it when it is not consistent, if the reference repeats the template's
+    /// points but for noise and outliers, and whether a rival might be it; `None` when their surfaces say more.
     fn fine_of_repeated(
         &self,
         pose: &Isometry3<f64>,
+        consistent: bool,
         rivals: &[Isometry3<f64>],
         rng: &mut ChaCha8Rng,
     ) -> Option<(Refined, bool)> {
@@ -358,9 +360,12 @@ impl Work<'_> {
         if self.settings.fine == FineStage::TrimmedIcp || longest > REPEATED_MAX_COUNT {
             return None;
         }
-        let found = self
-            .noisy(REPEATED_MAX_COUNT, rng)
-            .repeated(pose, rivals, &|a, b| self.is_distinct(a, b))?;
+        let noisy = self.noisy(REPEATED_MAX_COUNT, rng);
+        let distinct = |a: &Isometry3<f64>, b: &Isometry3<f64>| self.is_distinct(a, b);
+        let found = match noisy.repeated(pose, rivals, &distinct) {
+            None if !consistent => noisy.repeated(&noisy.flipped(pose)?, rivals, &distinct)?,
+            found => found?,
+        };
         let fine = Refined {
             pose: found.pose,
             iterations: found.iterations,
