@@ -2,10 +2,13 @@
 
 mod bench;
 mod cases;
+mod doubt;
 mod generate;
 mod golden;
+mod kabsch;
 mod large;
 mod model;
+mod mpe;
 mod pairs;
 mod speed;
 
@@ -26,6 +29,10 @@ enum Command {
     Model(model::ModelArguments),
     /// Writes case folders with known truth, of the kinds that registration is judged by.
     Generate(generate::GenerateArguments),
+    /// Compares errors among noise with the covariance that is stated.
+    Doubt(doubt::DoubtArguments),
+    /// Compares MPE's formulations, stride rules and softening schedules on samples of the blades under a root.
+    Mpe(mpe::MpeArguments),
     /// Checks client and simulated controller against golden HSES frames.
     Golden(golden::GoldenArguments),
     /// Prints one table of the registration's speed: kernels, full-sample MPE, one view by stage.
@@ -41,6 +48,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Command::Pairs(arguments) => pairs::run(&arguments),
         Command::Model(arguments) => model::run(&arguments),
         Command::Generate(arguments) => generate::run(&arguments),
+        Command::Doubt(arguments) => doubt::run(&arguments),
+        Command::Mpe(arguments) => mpe::run(&arguments),
         Command::Golden(arguments) => golden::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
         Command::Large(arguments) => large::run(&arguments),

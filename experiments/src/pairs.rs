@@ -18,6 +18,7 @@ use rand_chacha::rand_core::SeedableRng;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::cases::{self, Errors};
+use crate::kabsch;
 
 /// Registers every case folder under a root from the identity.
 #[derive(Args)]
@@ -46,6 +47,9 @@ pub(crate) struct PairsArguments {
     /// Registers every case once with each of these numbers of threads and says how many cases give the same bits.
     #[arg(long, value_name = "N,N,...", value_delimiter = ',')]
     threads: Vec<usize>,
+    /// Prints the ratio of the errors to those of the known correspondences, for cases whose points repeat.
+    #[arg(long)]
+    kabsch: bool,
     /// Prints a line for every case, with the stages.
     #[arg(long)]
     verbose: bool,
@@ -75,6 +79,7 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
         .collect::<Result<Vec<_>, _>>()?;
     let mut same_count = 0;
     let mut groups: BTreeMap<String, Vec<Outcome>> = BTreeMap::new();
+    let mut known = kabsch::Table::default();
     for (index, case) in cases.iter().enumerate() {
         let source = cases::cloud(&case.folder.join("source.ply"))?;
         let turn = arguments
@@ -109,6 +114,7 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
         let seconds = begun.elapsed().as_secs_f64();
         let estimate = found.reference_from_template * turn;
         let errors = cases::errors(case, &source, &estimate);
+        known.add(case, &source, &target, &turn, &found);
         let relative = case.folder.strip_prefix(&arguments.root)?;
         if let Some(folder) = &arguments.out {
             let path = folder.join(format!("{}.txt", relative.display()));
@@ -188,6 +194,9 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
             counts.join(", "),
             cases.len()
         )?;
+    }
+    if arguments.kabsch {
+        known.print(&mut out)?;
     }
     Ok(())
 }

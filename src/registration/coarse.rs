@@ -91,6 +91,11 @@ impl<'a> Coarse<'a> {
         }
     }
 
+    /// Whether two single views are judged by one another.
+    pub(super) fn judges_views(&self) -> bool {
+        self.judge.views.is_some()
+    }
+
     /// Whether `pose` is worth no less than `start`, but for chance.
     pub(super) fn is_no_worse(&self, pose: &Isometry3<f64>, start: &Isometry3<f64>) -> bool {
         self.judge.score(pose).value >= self.judge.score(start).value - WORSE

@@ -14,13 +14,17 @@ pub mod mpe;
 mod coarse;
 mod consistency;
 mod facing;
+mod mixture;
 mod nfi;
+mod noisy;
 mod normal_matrix;
 mod point_pairs;
+mod pointwise;
 mod prior;
 mod reference;
 mod search;
 mod sight;
+mod stride;
 mod swarm;
 #[cfg(test)]
 pub(crate) mod testing;
@@ -35,7 +39,7 @@ use rand_chacha::rand_core::SeedableRng;
 
 pub use self::field::Summation;
 pub use self::icp::{IcpLevel, IcpSettings, Metric, Trimming};
-pub use self::mpe::{Formulation, Halving, MpeSettings, Stop};
+pub use self::mpe::{Formulation, Halving, MpeSettings, Stop, Stride};
 pub use self::reference::{POINT_MIN_COUNT, Reference, RegisterError};
 use crate::geometry::PointCloud;
 
@@ -103,12 +107,13 @@ pub enum Search {
 /// What ends the work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FineStage {
-    /// Trimmed ICP, unless the clouds' roughness is of the order of their spacing: then the NFI criterion.
+    /// Trimmed ICP, unless the clouds' roughness is of the order of their spacing or one repeats the points of the other:
+    /// then as `Pointwise`.
     Automatic,
     /// Trimmed ICP, as in the paper.
     TrimmedIcp,
-    /// The NFI criterion over all points (a few thousand of each cloud), for noisy clouds.
-    FullSampleNfi,
+    /// The most likely pose when the points of one cloud (a few thousand) are those of the other with noise.
+    Pointwise,
 }
 
 /// What is done about directions that the surfaces do not determine (a smooth airfoil along its span).

@@ -1,15 +1,14 @@
-//! How far a minimum of the NFI criterion may be from where it would be with other samples of the same surfaces.
+//! How far the most likely pose may be from the true one, and from what it would be with other samples of the surfaces.
 //!
-//! Among noise the pairs of trimmed ICP mean little, and so does a covariance from their residuals. The minimum of a sum
-//! over points is an M-estimate: its covariance is `H⁻¹ J H⁻¹` with the curvature `H` of the energy (central differences
-//! of force and torque) and the scatter `J` of what the single points contribute to force and torque (of both clouds).
-//! A turn that hardly changes the energy, such as that of a slender blade about its span, has a large one.
+//! The solution of a mixture is a zero of a sum over the lookers that also depends on which centres there happen to be:
+//! its covariance is `H⁻¹ (J + K) H⁻¹`, with the curvature `H` of the likelihood (central differences of the score), the
+//! scatter `J` of the single lookers' scores, and the scatter `K` of what each centre's presence does to the score. A
+//! turn that hardly changes the likelihood, such as that of a slender blade about its span, has a large one.
 
-use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Vector3, Vector6};
+use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Vector6};
 
-use super::field::Field;
-use super::reference::rms_radius;
-use super::twist::moved;
+use super::field::{Gaussians, Lookers};
+use super::mixture::{Mixture, Model, Products, UNKNOWN_COUNT, Unknowns, Word, stacked};
 use super::{Determination, WeakDirection};
 
 /// Which motions count as not determined: those whose standard deviation is larger.
@@ -21,51 +20,107 @@ pub(super) struct Tolerance {
     pub(super) shift_factor: f64,
 }
 
-/// The covariance of `[rx ry rz tx ty tz]` about the template's centroid, in the reference frame, at `pose`, a minimum
-/// of the NFI criterion with ε² = `softening`; `None` when the energy has no minimum there or nothing is finite.
-pub(super) fn covariance_of_minimum(
-    template: &[Point3<f64>],
-    reference: &[Point3<f64>],
-    pose: &Isometry3<f64>,
-    softening: f64,
-) -> Option<Matrix6<f64>> {
-    let placed: Vec<Point3<f64>> = template.iter().map(|point| pose * point).collect();
-    let centre = mean(&placed);
-    let radius = rms_radius(&placed, &centre);
-    if radius <= 0.0 || !radius.is_finite() || reference.is_empty() {
-        return None;
-    }
-    // Everything about the template's centroid and over its radius from here on.
-    let scaled = |points: &[Point3<f64>]| -> Vec<Point3<f64>> {
-        points
-            .iter()
-            .map(|point| Point3::from((point - centre) / radius))
-            .collect()
+/// The covariance of `[rx ry rz tx ty tz]` about the image of the lookers' centroid, in the centres' frame and the
+/// clouds' unit, at a model that is the most likely one near it; `None` when it is none or nothing is finite.
+pub(super) fn covariance_of(mixture: &Mixture, model: &Model) -> Option<Matrix6<f64>> {
+    let model = mixture.inner(model);
+    let curvature = curvature_of(mixture, &model);
+    let inverse = match curvature.cholesky() {
+        Some(factored) => factored.inverse(),
+        // Points that repeat exactly have no noise to be known: the pose is all.
+        None => {
+            let of_pose: Matrix6<f64> = curvature.fixed_view::<6, 6>(0, 0).into_owned();
+            let mut inverse = Products::zeros();
+            inverse
+                .fixed_view_mut::<6, 6>(0, 0)
+                .copy_from(&of_pose.cholesky()?.inverse());
+            inverse
+        }
     };
-    let (moving, fixed) = (scaled(&placed), scaled(reference));
-    let softening = softening / radius;
-    let field = Field::new(&fixed);
-    let mut scatter = scatter_of(&field, &moving, softening);
-    scatter += scatter_of(&Field::new(&moving), &fixed, softening);
-
-    let mut curvature = Matrix6::zeros();
-    let step = STEP_SOFTENINGS * softening;
-    for axis in 0..6 {
-        let mut motion = Vector6::zeros();
-        motion[axis] = step;
-        let difference = load(&field, &moving, &-motion, softening) - load(&field, &moving, &motion, softening);
-        curvature.set_column(axis, &(difference / (2.0 * step)));
-    }
-    let curvature = (curvature + curvature.transpose()) / 2.0;
-    let inverse = curvature.cholesky()?.inverse();
-    let mut covariance = inverse * scatter * inverse;
+    let words = mixture.inner_words(&model);
+    let scatter = scatter_of(words.iter().map(|word| word.score)) + centre_scatter(mixture, &model, &words);
+    let product = inverse * scatter * inverse;
+    let mut covariance: Matrix6<f64> = product.fixed_view::<6, 6>(0, 0).into_owned();
+    let unit = |axis: usize| {
+        if axis < 3 {
+            1.0 / mixture.gyration()
+        } else {
+            mixture.radius()
+        }
+    };
     for row in 0..6 {
         for column in 0..6 {
-            let shifts = usize::from(row > 2) + usize::from(column > 2);
-            covariance[(row, column)] *= radius.powi(shifts as i32);
+            covariance[(row, column)] *= unit(row) * unit(column);
         }
     }
     covariance.iter().all(|value| value.is_finite()).then_some(covariance)
+}
+
+fn curvature_of(mixture: &Mixture, model: &Model) -> Products {
+    let score = |step: &Unknowns| -> Unknowns {
+        let words = mixture.inner_words(&mixture.stepped(model, step));
+        words.iter().map(|word| word.score).sum()
+    };
+    let mut curvature = Products::zeros();
+    for axis in 0..UNKNOWN_COUNT {
+        let length = if axis < 6 {
+            MOTION_STEP_SIGMAS * model.sigma
+        } else {
+            LOG_STEP
+        };
+        let mut step = Unknowns::zeros();
+        step[axis] = length;
+        curvature.set_column(axis, &((score(&-step) - score(&step)) / (2.0 * length)));
+    }
+    (curvature + curvature.transpose()) / 2.0
+}
+
+/// The scatter of what a little more mass of each centre would do to the score.
+///
+/// The score of looker `j` is `Σ_i m_i g_ij u_ij / (Σ_i m_i g_ij + c)`; its derivative by `m_i` is `g_ij (u_ij − s_j) / total_j`:
+/// sums over the lookers with the masses `1 / total` and `s / total`.
+fn centre_scatter(mixture: &Mixture, model: &Model, words: &[Word]) -> Products {
+    let placed: Vec<Point3<f64>> = mixture
+        .lookers()
+        .points()
+        .iter()
+        .map(|point| model.pose * point)
+        .collect();
+    let centres = Lookers::new(mixture.centres());
+    let summed = |mass: &dyn Fn(&Word) -> f64| {
+        let masses: Vec<f64> = words.iter().map(|word| mass(word) / word.total).collect();
+        Gaussians::new(&placed, Some(&masses)).affinities(&centres, &Isometry3::identity(), model.sigma)
+    };
+    let sigma2 = model.sigma * model.sigma;
+    let pivot = model.pose.translation.vector;
+    let mut pushes: Vec<Unknowns> = summed(&|_| 1.0)
+        .iter()
+        .zip(centres.points())
+        .map(|(affinity, point)| {
+            let force = -affinity.offset / sigma2;
+            let turn = (point.coords - pivot).cross(&force) / mixture.gyration();
+            let spread = affinity.squared / sigma2 - 3.0 * affinity.sum;
+            stacked(&turn, &force, spread, -affinity.sum)
+        })
+        .collect();
+    for axis in 0..UNKNOWN_COUNT {
+        // The last score counts what no centre claims, too, and every word adds w to it.
+        let constant = if axis == UNKNOWN_COUNT - 1 {
+            1.0 - model.outlier_fraction
+        } else {
+            0.0
+        };
+        for (push, sum) in pushes.iter_mut().zip(summed(&|word| word.score[axis] - constant)) {
+            push[axis] -= sum.sum;
+        }
+    }
+    scatter_of(pushes.into_iter())
+}
+
+/// The sum of the outer products about their mean.
+fn scatter_of(scores: impl ExactSizeIterator<Item = Unknowns> + Clone) -> Products {
+    let mean = scores.clone().sum::<Unknowns>() / scores.len().max(1) as f64;
+    scores.map(|score| (score - mean) * (score - mean).transpose()).sum()
 }
 
 /// What a covariance says: the motions of one standard deviation along the largest turn and the largest shift, where
@@ -110,77 +165,24 @@ pub(super) fn determination(covariance: &Matrix6<f64>, gyration: f64, tolerance:
     }
 }
 
-/// Whether another sample of the same surfaces might have preferred `rival` to `best`: the NFI criterion there is higher
-/// by less than three standard deviations of the difference, the single points' differences taken as independent.
-pub(super) fn may_be_preferred(
-    template: &[Point3<f64>],
-    reference: &[Point3<f64>],
-    best: &Isometry3<f64>,
-    rival: &Isometry3<f64>,
-    softening: f64,
-) -> bool {
-    let centre = mean(reference);
-    let radius = rms_radius(reference, &centre).max(f64::MIN_POSITIVE);
-    let over = |points: &mut dyn Iterator<Item = Point3<f64>>| -> Vec<Point3<f64>> {
-        points.map(|point| Point3::from((point - centre) / radius)).collect()
+/// Whether other samples of the same surfaces might have preferred the rival to the best model: the likelihood there is
+/// lower by no more than three standard deviations of the difference, the single lookers' differences taken as independent
+/// and the centres' part taken to be as large.
+pub(super) fn may_be_preferred(best: &[Word], rival: &[Word]) -> bool {
+    let differences = || {
+        best.iter()
+            .zip(rival)
+            .map(|(here, there)| here.log_likelihood - there.log_likelihood)
     };
-    let fixed = over(&mut reference.iter().copied());
-    let placed = [best, rival].map(|pose| over(&mut template.iter().map(|point| pose * point)));
-    let field = Field::new(&fixed);
-    let of_template = placed.each_ref().map(|points| field.pulls(points, softening / radius));
-    let of_reference = placed.map(|points| Field::new(&points).pulls(&fixed, softening / radius));
-    let (mut gap, mut variance) = (0.0, 0.0);
-    for [at_best, at_rival] in [&of_template, &of_reference] {
-        let differences = || {
-            at_rival
-                .iter()
-                .zip(at_best)
-                .map(|(there, here)| there.energy - here.energy)
-        };
-        // Both sums are the same total, but for rounding.
-        gap = differences().sum::<f64>();
-        let mean = gap / at_best.len().max(1) as f64;
-        variance += differences().map(|difference| (difference - mean).powi(2)).sum::<f64>();
-    }
-    gap < PREFERENCE_SIGMAS * variance.sqrt()
+    let gap: f64 = differences().sum();
+    let mean = gap / best.len().max(1) as f64;
+    let variance: f64 = differences().map(|difference| (difference - mean).powi(2)).sum();
+    gap <= PREFERENCE_SIGMAS * (2.0 * variance).sqrt()
 }
 
-/// The sum over `points` of the outer products of what each contributes to torque and force, about their mean.
-fn scatter_of(field: &Field, points: &[Point3<f64>], softening: f64) -> Matrix6<f64> {
-    let loads: Vec<Vector6<f64>> = field
-        .pulls(points, softening)
-        .iter()
-        .zip(points)
-        .map(|(pull, point)| stacked(&point.coords.cross(&pull.force), &pull.force))
-        .collect();
-    let mean = loads.iter().sum::<Vector6<f64>>() / loads.len().max(1) as f64;
-    loads.iter().map(|load| (load - mean) * (load - mean).transpose()).sum()
-}
-
-/// Torque about the origin's image and force on `points` after a small motion.
-fn load(field: &Field, points: &[Point3<f64>], motion: &Vector6<f64>, softening: f64) -> Vector6<f64> {
-    let pose = moved(&Isometry3::identity(), &Point3::origin(), motion);
-    let placed: Vec<Point3<f64>> = points.iter().map(|point| pose * point).collect();
-    let centre = Vector3::new(motion[3], motion[4], motion[5]);
-    field
-        .pulls(&placed, softening)
-        .iter()
-        .zip(&placed)
-        .map(|(pull, point)| stacked(&(point.coords - centre).cross(&pull.force), &pull.force))
-        .sum()
-}
-
-fn stacked(turn: &Vector3<f64>, shift: &Vector3<f64>) -> Vector6<f64> {
-    Vector6::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z)
-}
-
-fn mean(points: &[Point3<f64>]) -> Point3<f64> {
-    let sum: Vector3<f64> = points.iter().map(|point| point.coords).sum();
-    Point3::from(sum / points.len().max(1) as f64)
-}
-
-/// The step of the central differences: well inside the reach of the softened field, well above single precision.
-const STEP_SOFTENINGS: f64 = 0.3;
+/// Steps of the central differences: of a motion in σ, of the logarithms.
+const MOTION_STEP_SIGMAS: f64 = 0.1;
+const LOG_STEP: f64 = 0.05;
 const PREFERENCE_SIGMAS: f64 = 3.0;
 /// Directions nearer to each other than this are one.
 const SAME_COSINE: f64 = 0.9;
@@ -190,23 +192,32 @@ mod tests {
     use super::*;
     use crate::geometry::PointCloud;
     use crate::registration::testing::{blade, extruded, noisy};
+    use nalgebra::Vector3;
 
     const TOLERANCE: Tolerance = Tolerance {
         turn_rad: 0.0175,
         shift_factor: 0.03,
     };
 
-    fn determined(template: &[Point3<f64>], reference: &[Point3<f64>], softening: f64) -> Determination {
-        let pose = Isometry3::identity();
-        let covariance = covariance_of_minimum(template, reference, &pose, softening).unwrap();
-        determination(&covariance, rms_radius(template, &mean(template)), &TOLERANCE)
+    fn model(sigma: f64) -> Model {
+        Model {
+            pose: Isometry3::identity(),
+            sigma,
+            outlier_fraction: 0.01,
+        }
+    }
+
+    fn determined(centres: &PointCloud, sigma: f64) -> Determination {
+        let lookers = noisy(centres, sigma, 3);
+        let mixture = Mixture::new(centres.points(), lookers.points()).unwrap();
+        let found = mixture.likeliest(&model(sigma)).unwrap().model;
+        let covariance = covariance_of(&mixture, &found).unwrap();
+        determination(&covariance, mixture.radius(), &TOLERANCE)
     }
 
     #[test]
     fn a_blade_with_a_platform_is_determined_among_little_noise() {
-        let template = blade(2000, 0.0);
-        let reference = noisy(&template, 0.02, 3);
-        let found = determined(template.points(), reference.points(), 0.02);
+        let found = determined(&blade(2000, 0.0), 0.02);
         assert!(found.weak.is_empty(), "{found:?}");
     }
 
@@ -214,33 +225,49 @@ mod tests {
     fn a_nearly_round_bar_may_turn_about_its_axis() {
         let squeezed = extruded(2000, 0.3);
         let points = squeezed.points().iter().map(|p| Point3::new(0.3 * p.x, p.y, p.z));
-        let template = PointCloud::from_measured(points).cloud;
-        let reference = noisy(&template, 0.1, 3);
-        let found = determined(template.points(), reference.points(), 0.1);
+        let found = determined(&PointCloud::from_measured(points).cloud, 0.1);
         assert!(!found.weak.is_empty(), "{found:?}");
         let direction = found.weak[0].1.direction;
         assert!(direction[2].abs() > 0.9, "{direction:?}");
     }
 
     #[test]
+    fn the_error_of_independent_samples_is_what_the_covariance_says() {
+        let mut squares = 0.0;
+        let count = 12u8;
+        for seed in 0..count {
+            // The same surface in other places, with noise.
+            let phase = f64::from(seed) / f64::from(count);
+            let lookers = noisy(&blade(900, phase), 0.04, u64::from(seed));
+            let centres = noisy(&blade(900, 0.5), 0.0, 1);
+            let mixture = Mixture::new(centres.points(), lookers.points()).unwrap();
+            let found = mixture.likeliest(&model(0.05)).unwrap().model;
+            let covariance = covariance_of(&mixture, &found).unwrap();
+            let turn = found.pose.rotation.scaled_axis();
+            let shift = found.pose * mixture.looker_origin() - mixture.looker_origin();
+            let error = Vector6::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z);
+            squares += (error.transpose() * covariance.try_inverse().unwrap() * error)[0];
+        }
+        let mean = squares / f64::from(count);
+        assert!((1.0..12.0).contains(&mean), "{mean}");
+    }
+
+    #[test]
     fn a_flip_of_a_bar_may_be_preferred_and_that_of_a_blade_not() {
         let flip = Isometry3::rotation(Vector3::new(std::f64::consts::PI, 0.0, 0.0));
-        let preferred = |template: &PointCloud| {
-            let reference = noisy(template, 0.05, 3);
-            let here = Isometry3::identity();
-            may_be_preferred(template.points(), reference.points(), &here, &flip, 0.05)
+        let preferred = |centres: &PointCloud| {
+            let lookers = noisy(centres, 0.05, 3);
+            let mixture = Mixture::new(centres.points(), lookers.points()).unwrap();
+            let flipped = Model {
+                pose: flip,
+                ..model(0.05)
+            };
+            let flipped = mixture.likeliest(&flipped).unwrap().model;
+            may_be_preferred(&mixture.words(&model(0.05)), &mixture.words(&flipped))
         };
         let bar = extruded(2000, 0.3);
         let points = bar.points().iter().map(|p| Point3::new(p.x, 0.02 * p.y, p.z));
         assert!(preferred(&PointCloud::from_measured(points).cloud));
         assert!(!preferred(&blade(2000, 0.0)));
-    }
-
-    #[test]
-    fn two_places_far_apart_have_no_covariance() {
-        let template = blade(200, 0.0);
-        let far = template.transformed(&Isometry3::translation(50.0, 0.0, 0.0));
-        let found = covariance_of_minimum(template.points(), far.points(), &Isometry3::identity(), 0.1);
-        assert_eq!(found, None);
     }
 }

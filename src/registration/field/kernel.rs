@@ -54,22 +54,54 @@ impl Kernel {
 
     /// The pull of all `blocks` on each of `points`, in order.
     pub(super) fn pulls(self, blocks: &[Block], points: &[Point3<f64>], softening: f32) -> Vec<Pull> {
+        self.run(Pulls {
+            blocks,
+            points,
+            softening,
+        })
+    }
+
+    /// Does `work` with these instructions.
+    #[inline]
+    pub(super) fn run<W: Work>(self, work: W) -> W::Output {
         match self.0 {
-            Width::Portable => pulls_portable(blocks, points, softening),
+            Width::Portable => work.run(),
             #[cfg(target_arch = "x86_64")]
             #[expect(
                 unsafe_code,
                 reason = "`available` makes this kernel only where the processor has the instructions"
             )]
-            Width::Avx2 => unsafe { pulls_avx2(blocks, points, softening) },
+            Width::Avx2 => unsafe { run_avx2(work) },
             #[cfg(target_arch = "x86_64")]
             #[expect(
                 unsafe_code,
                 reason = "`available` makes this kernel only where the processor has the instructions"
             )]
-            Width::Avx512 => unsafe { pulls_avx512(blocks, points, softening) },
+            Width::Avx512 => unsafe { run_avx512(work) },
         }
     }
+}
+
+/// Something to compute with the instructions of a kernel.
+pub(super) trait Work {
+    /// What comes of it.
+    type Output;
+
+    /// Computes it. Only what is inlined here is compiled for each kernel: mark it, and all that it calls,
+    /// `#[inline(always)]`.
+    fn run(self) -> Self::Output;
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f")]
+fn run_avx512<W: Work>(work: W) -> W::Output {
+    work.run()
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn run_avx2<W: Work>(work: W) -> W::Output {
+    work.run()
 }
 
 /// Masses that are summed side by side.
@@ -79,10 +111,10 @@ pub(super) const LANE_COUNT: usize = 16;
 #[derive(Debug, Clone, Copy)]
 #[repr(align(64))]
 pub(super) struct Block {
-    x: [f32; LANE_COUNT],
-    y: [f32; LANE_COUNT],
-    z: [f32; LANE_COUNT],
-    mass: [f32; LANE_COUNT],
+    pub(super) x: [f32; LANE_COUNT],
+    pub(super) y: [f32; LANE_COUNT],
+    pub(super) z: [f32; LANE_COUNT],
+    pub(super) mass: [f32; LANE_COUNT],
 }
 
 impl Block {
@@ -118,30 +150,33 @@ impl Block {
     }
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f")]
-fn pulls_avx512(blocks: &[Block], points: &[Point3<f64>], softening: f32) -> Vec<Pull> {
-    pulls_portable(blocks, points, softening)
+struct Pulls<'a> {
+    blocks: &'a [Block],
+    points: &'a [Point3<f64>],
+    softening: f32,
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn pulls_avx2(blocks: &[Block], points: &[Point3<f64>], softening: f32) -> Vec<Pull> {
-    pulls_portable(blocks, points, softening)
-}
+impl Work for Pulls<'_> {
+    type Output = Vec<Pull>;
 
-#[inline(always)]
-fn pulls_portable(blocks: &[Block], points: &[Point3<f64>], softening: f32) -> Vec<Pull> {
-    let mut pulls = Vec::with_capacity(points.len());
-    let pairs = points.chunks_exact(2);
-    let rest = pairs.remainder();
-    for pair in pairs {
-        pulls.extend(pull(blocks, [&pair[0], &pair[1]], softening));
+    #[inline(always)]
+    fn run(self) -> Vec<Pull> {
+        let Self {
+            blocks,
+            points,
+            softening,
+        } = self;
+        let mut pulls = Vec::with_capacity(points.len());
+        let pairs = points.chunks_exact(2);
+        let rest = pairs.remainder();
+        for pair in pairs {
+            pulls.extend(pull(blocks, [&pair[0], &pair[1]], softening));
+        }
+        for point in rest {
+            pulls.extend(pull(blocks, [point], softening));
+        }
+        pulls
     }
-    for point in rest {
-        pulls.extend(pull(blocks, [point], softening));
-    }
-    pulls
 }
 
 /// The pull on a few points at once, each summed by itself: the divider then never waits for a sum.

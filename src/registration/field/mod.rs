@@ -10,12 +10,14 @@
 //! vector unit of the processor nor on the number of threads. Large fields are summed by a tree with a bounded error
 //! ([`Summation`]).
 
+mod gaussian;
 mod kernel;
 mod tree;
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
+pub(crate) use self::gaussian::{Affinity, Gaussians, Lookers};
 use self::kernel::Block;
 pub use self::kernel::Kernel;
 use self::tree::Tree;

@@ -54,6 +54,64 @@ fn a_known_motion_is_found_from_the_identity() {
 }
 
 #[test]
+fn among_noise_any_number_of_threads_gives_the_same_bits() {
+    let a = blade(1200, 0.0);
+    let b = noisy(&a.transformed(&motion()), 0.06, 7);
+    let with = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| run(&a, &b, &Isometry3::identity(), &Settings::default()))
+    };
+    let one = with(1);
+    assert_eq!(one, with(2));
+    assert_eq!(one, with(8));
+    let (turn, shift) = errors(&motion(), &one);
+    assert!(turn < 0.04 && shift < 0.03, "{turn} {shift} {one:?}");
+}
+
+#[test]
+fn points_that_repeat_among_outliers_are_laid_on_each_other() {
+    let a = blade(2000, 0.0);
+    let sigma = 0.004;
+    let repeated = noisy(&a.transformed(&motion()), sigma, 7);
+    let anywhere = noisy(&blade(1200, 0.3), 0.8, 8);
+    let points = repeated.points().iter().chain(anywhere.points()).copied();
+    let b = PointCloud::from_measured(points).cloud;
+    let found = run(&a, &b, &Isometry3::identity(), &Settings::default());
+    let squared: f64 = a
+        .points()
+        .iter()
+        .map(|point| (found.reference_from_template * point - motion() * point).norm_squared())
+        .sum();
+    let (rmse, bound) = ((squared / 2000.0).sqrt(), sigma * (6.0f64 / 2000.0).sqrt());
+    assert!(rmse < 2.0 * bound, "{rmse} against {bound}: {found:?}");
+    assert_eq!(found.status, Status::Converged);
+}
+
+#[test]
+fn other_points_of_the_same_surface_are_not_taken_for_the_same_points() {
+    // Point by point the error would be of the order of the spacing over the root of the count; the surfaces are exact.
+    let reference = blade(3000, 0.5).transformed(&motion());
+    let found = run(
+        &blade(3000, 0.0),
+        &reference,
+        &Isometry3::identity(),
+        &Settings::default(),
+    );
+    let pointwise = Settings {
+        fine: FineStage::Pointwise,
+        ..Settings::default()
+    };
+    let by_points = run(&blade(3000, 0.0), &reference, &Isometry3::identity(), &pointwise);
+    let by_surface = Settings {
+        fine: FineStage::TrimmedIcp,
+        ..Settings::default()
+    };
+    let by_surface = run(&blade(3000, 0.0), &reference, &Isometry3::identity(), &by_surface);
+    assert_eq!(found, by_surface);
+    assert_ne!(found.reference_from_template, by_points.reference_from_template);
+}
+
+#[test]
 fn an_extruded_section_is_weak_along_its_span_and_keeps_the_start_there() {
     let start = Isometry3::translation(0.0, 0.0, 0.02);
     let truth = Isometry3::new(Vector3::new(0.01, 0.012, -0.05), Vector3::new(0.0, 0.0, 0.03));
