@@ -1,6 +1,7 @@
 //! Measurements of bladescan that are too slow or too specific for its tests.
 
 mod bench;
+mod bound;
 mod cases;
 mod golden;
 mod model;
@@ -20,6 +21,8 @@ struct Arguments {
 enum Command {
     /// Registers every case folder under a root and compares with the truth.
     Pairs(pairs::PairsArguments),
+    /// Prints the Cramer-Rao bound of every case folder under a root.
+    Bound(bound::BoundArguments),
     /// Registers the views of a folder one after the other to the growing model.
     Model(model::ModelArguments),
     /// Checks client and simulated controller against golden HSES frames.
@@ -33,6 +36,7 @@ enum Command {
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     match Arguments::parse().command {
         Command::Pairs(arguments) => pairs::run(&arguments),
+        Command::Bound(arguments) => bound::run(&arguments),
         Command::Model(arguments) => model::run(&arguments),
         Command::Golden(arguments) => golden::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),

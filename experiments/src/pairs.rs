@@ -16,6 +16,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
+use crate::bound::{self, NoiseArguments};
 use crate::cases::{self, Errors};
 
 /// Registers every case folder under a root from the identity.
@@ -42,6 +43,12 @@ pub(crate) struct PairsArguments {
     /// registered; this seeds the draws. Scored in the case's own frame.
     #[arg(long, value_name = "SEED")]
     turned: Option<u64>,
+    /// Compares each error with the Cramer-Rao bound of its case: the median over a group, and the root mean square over
+    /// its successes.
+    #[arg(long)]
+    bound: bool,
+    #[command(flatten)]
+    noise: NoiseArguments,
     /// Prints a line for every case, with the stages.
     #[arg(long)]
     verbose: bool,
@@ -95,6 +102,11 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
         let seconds = begun.elapsed().as_secs_f64();
         let estimate = found.reference_from_template * turn;
         let errors = cases::errors(case, &source, &estimate);
+        let over_bound = if arguments.bound {
+            errors.rmse / bound::of(case, &source, &target, &arguments.noise)?.rmse
+        } else {
+            f64::NAN
+        };
         let relative = case.folder.strip_prefix(&arguments.root)?;
         if let Some(folder) = &arguments.out {
             let path = folder.join(format!("{}.txt", relative.display()));
@@ -110,7 +122,7 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
                 .collect();
             writeln!(
                 out,
-                "{} {} {:?} rot {:.5} trans {:.5} rmse {:.5} overlap {:.3} fuzziness {:.2} oriented {} weak {:?} [{}]",
+                "{} {} {:?} rot {:.5} trans {:.5} rmse {:.5} over bound {over_bound:.2} overlap {:.3} fuzziness {:.2} oriented {} weak {:?} [{}]",
                 relative.display(),
                 if errors.success { "ok" } else { "FAIL" },
                 found.status,
@@ -124,20 +136,27 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
                 stages.join(", "),
             )?;
         }
-        let key = |name: &str| case.meta.get(name).cloned().unwrap_or_default();
-        groups
-            .entry(format!("{} {} {}", key("exp"), key("model"), key("level")))
-            .or_default()
-            .push(Outcome {
-                errors,
-                seconds,
-                status: found.status,
-            });
+        groups.entry(case.group()).or_default().push(Outcome {
+            errors,
+            over_bound,
+            seconds,
+            status: found.status,
+        });
     }
     writeln!(
         out,
-        "{:<28} {:>6} {:>9} {:>12} {:>12} {:>12} {:>9} {:>7} {:>6}",
-        "group", "cases", "success", "median deg", "median trans", "median rmse", "median s", "worst s", "silent"
+        "{:<28} {:>6} {:>9} {:>12} {:>12} {:>12} {:>9} {:>7} {:>6} {:>12} {:>9}",
+        "group",
+        "cases",
+        "success",
+        "median deg",
+        "median trans",
+        "median rmse",
+        "median s",
+        "worst s",
+        "silent",
+        "median/bound",
+        "rms/bound"
     )?;
     let mut all = (0, 0, 0, 0);
     for (name, results) in groups {
@@ -151,7 +170,7 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
         let of = |value: fn(&Outcome) -> f64| cases::median(results.iter().map(value).collect());
         writeln!(
             out,
-            "{name:<28} {:>6} {:>8.1}% {:>12.5} {:>12.5} {:>12.5} {:>9.3} {:>7.3} {silent:>6}",
+            "{name:<28} {:>6} {:>8.1}% {:>12.5} {:>12.5} {:>12.5} {:>9.3} {:>7.3} {silent:>6} {:>12.2} {:>9.2}",
             results.len(),
             100.0 * successes as f64 / results.len() as f64,
             of(|outcome| outcome.errors.rotation_deg),
@@ -159,6 +178,13 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
             of(|outcome| outcome.errors.rmse),
             of(|outcome| outcome.seconds),
             results.iter().map(|outcome| outcome.seconds).fold(0.0, f64::max),
+            of(|outcome| outcome.over_bound),
+            root_mean_square(
+                results
+                    .iter()
+                    .filter(|outcome| outcome.errors.success)
+                    .map(|outcome| outcome.over_bound)
+            ),
         )?;
     }
     writeln!(
@@ -171,6 +197,7 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
 
 struct Outcome {
     errors: Errors,
+    over_bound: f64,
     seconds: f64,
     status: Status,
 }
@@ -179,6 +206,11 @@ impl Outcome {
     fn is_silently_wrong(&self) -> bool {
         self.status == Status::Converged && !self.errors.success
     }
+}
+
+fn root_mean_square(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = values.fold((0.0, 0), |(sum, count), value| (sum + value * value, count + 1));
+    (sum / f64::from(count.max(1))).sqrt()
 }
 
 /// A rotation drawn evenly from SO(3) about the cloud's centroid, and a shift of at most the cloud's radius each way.
