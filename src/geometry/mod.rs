@@ -4,6 +4,7 @@ mod cloud;
 mod formats;
 pub mod nearest;
 pub mod normals;
+pub mod patches;
 pub mod pcd;
 pub mod ply;
 mod rigid;

@@ -34,7 +34,7 @@ impl Default for IcpSettings {
         Self {
             metric: Metric::PointToPlane,
             trimming: Trimming::Automatic,
-            levels: vec![level(1000, 0.3, 40), level(5000, 0.03, 20), level(60_000, 0.01, 40)],
+            levels: vec![level(1000, 0.3, 40), level(5000, 0.03, 20), level(20_000, 0.01, 40)],
         }
     }
 }
@@ -175,7 +175,8 @@ impl Problem<'_> {
         moved(start, &(start * self.centroid), &self.unscaled(&motion))
     }
 
-    fn unscaled(&self, step: &Vector6<f64>) -> Vector6<f64> {
+    /// A motion with its turns in radians instead of lengths at the radius of gyration.
+    pub(super) fn unscaled(&self, step: &Vector6<f64>) -> Vector6<f64> {
         let mut motion = *step;
         for axis in 0..3 {
             motion[axis] /= self.radius;

@@ -18,6 +18,7 @@ mod nfi;
 mod normal_matrix;
 mod reference;
 mod search;
+mod surface;
 #[cfg(test)]
 pub(crate) mod testing;
 #[cfg(test)]
@@ -99,10 +100,12 @@ pub enum Search {
 /// What ends the work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FineStage {
-    /// Trimmed ICP, unless the clouds' roughness is of the order of their spacing: then the NFI criterion.
+    /// Surface to surface, unless the clouds' roughness is of the order of their spacing: then the NFI criterion.
     Automatic,
     /// Trimmed ICP, as in the paper.
     TrimmedIcp,
+    /// Trimmed ICP, then between second-order patches of both clouds where they are dense enough for them.
+    SurfaceToSurface,
     /// The NFI criterion over all points (a few thousand of each cloud), for noisy clouds.
     FullSampleNfi,
 }

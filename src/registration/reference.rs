@@ -142,6 +142,11 @@ impl Reference {
         self.tree.nearest(query)
     }
 
+    /// The search tree over the points.
+    pub(super) fn tree(&self) -> &NearestPoints {
+        &self.tree
+    }
+
     /// The reference seen from another frame.
     ///
     /// # Errors

@@ -13,6 +13,7 @@ use super::reference::{estimated, rms_radius, roughness_of};
 use super::uncertainty::{Tolerance, covariance_of_minimum, determination, may_be_preferred};
 use super::{
     Determination, FineStage, Overlap, POINT_MIN_COUNT, Reference, Registration, Search, Settings, Stage, Status,
+    WeakDirections, surface,
 };
 use crate::geometry::PointCloud;
 use crate::geometry::nearest::NearestPoints;
@@ -122,6 +123,7 @@ pub(super) fn run(
             settings.weak_directions,
         )
         .map(|fine| {
+            let fine = work.surface_refined(&tree, fine);
             let ambiguous = work.is_ambiguous(&rivals, &fine);
             (fine, ambiguous)
         })
@@ -306,11 +308,31 @@ impl Work<'_> {
         })
     }
 
+    /// What trimmed ICP came to, refined surface to surface if so wished and possible.
+    fn surface_refined(&self, tree: &NearestPoints, fine: Refined) -> Refined {
+        if self.settings.fine == FineStage::TrimmedIcp {
+            return fine;
+        }
+        let held: Vec<_> = match self.settings.weak_directions {
+            WeakDirections::Hold => fine.determination.weak.iter().map(|(scaled, _)| *scaled).collect(),
+            WeakDirections::Report => Vec::new(),
+        };
+        match surface::refined(&self.problem, &self.template, tree, &fine, &held) {
+            // What is held stays what trimmed ICP has found to be weak.
+            Some(refined) if held.is_empty() => refined,
+            Some(refined) => Refined {
+                determination: fine.determination,
+                ..refined
+            },
+            None => fine,
+        }
+    }
+
     /// Whether the fine stage is full-sample NFI.
     fn is_noisy(&self) -> bool {
         match self.settings.fine {
             FineStage::Automatic => self.roughness.fuzziness > NOISY_FUZZINESS,
-            FineStage::TrimmedIcp => false,
+            FineStage::TrimmedIcp | FineStage::SurfaceToSurface => false,
             FineStage::FullSampleNfi => true,
         }
     }
