@@ -1,9 +1,9 @@
 //! Smooth patches: the surface at each point of a cloud, free of most of its noise.
 
 use nalgebra::{Matrix6, Point3, Vector3, Vector6};
-use rayon::prelude::*;
 
 use super::PointCloud;
+use super::cells::Cells;
 use super::nearest::NearestPoints;
 
 /// The surface near one point, from a second-order fit to the points around it.
@@ -37,35 +37,24 @@ pub fn patches(cloud: &PointCloud, tree: &NearestPoints, indices: &[usize], radi
         position: points[index],
         normal: normals[index],
     };
-    let mut out: Vec<Patch> = indices.iter().map(|&index| member(index).alone()).collect();
     if indices.is_empty() || radius <= 0.0 || !radius.is_finite() {
-        return out;
+        return indices.iter().map(|&index| member(index).alone()).collect();
     }
-    let members: Vec<Member> = indices.iter().map(|&index| member(index)).collect();
-    let cells = Cells::new(&members, radius);
-    let fitted: Vec<Vec<(usize, Patch)>> = cells
-        .starts
-        .par_windows(2)
-        .with_min_len(64)
-        .map(|range| {
-            let around = cells.around(range[0]);
-            let at = |place: usize| {
-                let middle = &cells.members[place];
-                let fitted = fit(middle, &around, radius, oriented).or_else(|| {
-                    let near = tree.nearest_many(&middle.position, NEIGHBOUR_MIN_COUNT);
-                    let radius = near.last()?.distance;
-                    let near: Vec<Member> = near.into_iter().map(|found| member(found.index)).collect();
-                    fit(middle, &near, radius, oriented)
-                });
-                fitted.map(|patch| (cells.order[place], patch))
-            };
-            (range[0]..range[1]).filter_map(at).collect()
-        })
-        .collect();
-    for (place, patch) in fitted.into_iter().flatten() {
-        out[place] = patch;
-    }
-    out
+    let at: Vec<Point3<f64>> = indices.iter().map(|&index| points[index]).collect();
+    let cells = Cells::new(&at, radius);
+    let members: Vec<Member> = cells.order().iter().map(|&place| member(indices[place])).collect();
+    cells.map(|place, around| {
+        let middle = &members[place];
+        let near = around.places().map(|place| &members[place]);
+        let few = || {
+            let near = tree.nearest_many(&middle.position, NEIGHBOUR_MIN_COUNT);
+            let radius = near.last()?.distance;
+            let near: Vec<Member> = near.into_iter().map(|found| member(found.index)).collect();
+            fit(middle, near.iter(), radius, oriented)
+        };
+        let fitted = fit(middle, near, radius, oriented).or_else(few);
+        fitted.unwrap_or_else(|| middle.alone())
+    })
 }
 
 #[derive(Clone, Copy)]
@@ -85,64 +74,7 @@ impl Member {
     }
 }
 
-/// Points sorted into cubes as wide as the radius.
-struct Cells {
-    /// Cube by cube.
-    members: Vec<Member>,
-    /// Their cubes.
-    keys: Vec<[i32; 3]>,
-    /// Their places in the list that was sorted.
-    order: Vec<usize>,
-    /// Where each cube starts, and the end.
-    starts: Vec<usize>,
-}
-
-impl Cells {
-    fn new(members: &[Member], width: f64) -> Self {
-        let first = members[0].position;
-        let low = members.iter().fold(first, |low, member| low.inf(&member.position));
-        let mut keyed: Vec<([i32; 3], usize)> = members
-            .iter()
-            .enumerate()
-            .map(|(place, member)| {
-                (
-                    ((member.position - low) / width).map(|value| value as i32).into(),
-                    place,
-                )
-            })
-            .collect();
-        keyed.par_sort_unstable();
-        let mut starts: Vec<usize> = (0..keyed.len())
-            .filter(|&at| at == 0 || keyed[at].0 != keyed[at - 1].0)
-            .collect();
-        starts.push(keyed.len());
-        Self {
-            members: keyed.iter().map(|(_, place)| members[*place]).collect(),
-            keys: keyed.iter().map(|(key, _)| *key).collect(),
-            order: keyed.iter().map(|(_, place)| *place).collect(),
-            starts,
-        }
-    }
-
-    /// The points of the cube at `start` and of the 26 around it.
-    fn around(&self, start: usize) -> Vec<Member> {
-        let [x, y, z] = self.keys[start];
-        let mut found = Vec::new();
-        for column in [x.saturating_sub(1), x, x.saturating_add(1)] {
-            for row in [y.saturating_sub(1), y, y.saturating_add(1)] {
-                let first = self
-                    .keys
-                    .partition_point(|key| *key < [column, row, z.saturating_sub(1)]);
-                let last = [column, row, z.saturating_add(1)];
-                let count = self.keys[first..].iter().take_while(|key| **key <= last).count();
-                found.extend_from_slice(&self.members[first..first + count]);
-            }
-        }
-        found
-    }
-}
-
-fn fit(middle: &Member, around: &[Member], radius: f64, oriented: bool) -> Option<Patch> {
+fn fit<'a>(middle: &Member, around: impl Iterator<Item = &'a Member>, radius: f64, oriented: bool) -> Option<Patch> {
     let up = middle.normal;
     let aside = if up.x.abs() < 0.7 { Vector3::x() } else { Vector3::y() };
     let right = up.cross(&aside).normalize();

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::facing::{signed, towards_camera};
 use crate::geometry::PointCloud;
 use crate::geometry::nearest::{NearestPoints, Neighbour};
-use crate::geometry::normals::{Roughness, roughness, with_estimated_normals};
+use crate::geometry::normals::{Roughness, roughness, with_estimated_normals, with_normals_within};
 use crate::geometry::sampling::even_indices;
 
 /// A fixed cloud with normals, a search tree and its scale, ready to be registered to (the paper's Y).
@@ -160,7 +160,12 @@ impl Reference {
 
 /// The cloud with estimated normals, and whether they face its camera.
 pub(super) fn estimated(cloud: &PointCloud, tree: &NearestPoints) -> (PointCloud, bool) {
-    let cloud = with_estimated_normals(cloud, tree, NORMAL_NEIGHBOUR_COUNT, None);
+    // On thin clouds counting the neighbours exactly is worth its time.
+    let cloud = if cloud.len() < DENSE_MIN_COUNT {
+        with_estimated_normals(cloud, tree, NORMAL_NEIGHBOUR_COUNT, None)
+    } else {
+        with_normals_within(cloud, tree, NORMAL_NEIGHBOUR_COUNT)
+    };
     let Some(normals) = cloud.normals() else {
         return (cloud, false);
     };
@@ -208,6 +213,8 @@ const SPACING_SAMPLE_COUNT: usize = 1000;
 const ROUGHNESS_SAMPLE_COUNT: usize = 500;
 /// Neighbours in a plane fit of an unorganised cloud.
 const NORMAL_NEIGHBOUR_COUNT: usize = 20;
+/// From this many points on a cloud counts as dense.
+const DENSE_MIN_COUNT: usize = 10_000;
 
 #[cfg(test)]
 mod tests {

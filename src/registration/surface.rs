@@ -16,8 +16,8 @@ use super::normal_matrix::NormalMatrix;
 use super::twist::{motion_between, moved};
 use crate::geometry::PointCloud;
 use crate::geometry::nearest::NearestPoints;
+use crate::geometry::normals::neighbourhood_radius;
 use crate::geometry::patches::{Patch, patches};
-use crate::geometry::sampling::even_indices;
 
 /// The pose after trimmed ICP has come to `fine`, made more accurate; without motion along the `held` directions.
 ///
@@ -31,8 +31,8 @@ pub(super) fn refined(
     held: &[Vector6<f64>],
 ) -> Option<Refined> {
     let reference = problem.reference;
-    let own = neighbourhood(template.points(), tree)?;
-    let other = neighbourhood(reference.points(), reference.tree())?;
+    let own = neighbourhood_radius(template.points(), tree, NEIGHBOUR_COUNT)?;
+    let other = neighbourhood_radius(reference.points(), reference.tree(), NEIGHBOUR_COUNT)?;
     let radius = own.max(other);
     if radius > DENSITY_MAX_RATIO * own.min(other) {
         return None;
@@ -69,22 +69,6 @@ pub(super) fn refined(
         // Every measured distance counts twice, once each way.
         determination: sums.determination(problem.radius, sums.weight / 2.0),
     })
-}
-
-/// The median radius that holds as many points as a patch needs.
-fn neighbourhood(points: &[Point3<f64>], tree: &NearestPoints) -> Option<f64> {
-    let mut radii: Vec<f64> = even_indices(points.len(), RADIUS_SAMPLE_COUNT)
-        .par_iter()
-        .with_min_len(64)
-        .filter_map(|&index| {
-            tree.nearest_many(&points[index], NEIGHBOUR_COUNT)
-                .last()
-                .map(|found| found.distance)
-        })
-        .collect();
-    let middle = radii.len() / 2;
-    let (_, radius, _) = (middle < radii.len()).then(|| radii.select_nth_unstable_by(middle, f64::total_cmp))?;
-    (*radius > 0.0).then_some(*radius)
 }
 
 /// The indices, ascending, of the reference points that a patch near the template may need.
@@ -260,7 +244,6 @@ fn equations(
 
 /// About how many points a patch is fitted to: fewer leave noise, more smooth edges away.
 const NEIGHBOUR_COUNT: usize = 16;
-const RADIUS_SAMPLE_COUNT: usize = 500;
 /// With a larger ratio of the two neighbourhoods' radii one cloud is too thin for the other's.
 const DENSITY_MAX_RATIO: f64 = 2.5;
 /// Paired points are nearer than this, over the patches' radius: about two spacings. Neither may the pose move further.
