@@ -34,7 +34,7 @@ impl Default for IcpSettings {
         Self {
             metric: Metric::PointToPlane,
             trimming: Trimming::Automatic,
-            levels: vec![level(1000, 0.3, 40), level(5000, 0.03, 20), level(20_000, 0.01, 40)],
+            levels: vec![level(1000, 0.3, 40), level(5000, 0.03, 20), level(60_000, 0.01, 40)],
         }
     }
 }

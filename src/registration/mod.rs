@@ -100,7 +100,8 @@ pub enum Search {
 /// What ends the work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FineStage {
-    /// Surface to surface, unless the clouds' roughness is of the order of their spacing: then the NFI criterion.
+    /// Surface to surface; the NFI criterion if the clouds' roughness is of the order of their spacing; otherwise, for a
+    /// view in a part of a model ([`Search::NearPart`]), trimmed ICP: merged points made the former worse there.
     Automatic,
     /// Trimmed ICP, as in the paper.
     TrimmedIcp,

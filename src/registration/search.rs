@@ -107,7 +107,7 @@ pub(super) fn run(
     let rivals = rivals(&refined, chosen);
     stages.end("coarse", coarse_iterations);
 
-    let fine_sample = work.sample(last_level.sample_count, &mut rng);
+    let fine_sample = work.sample(work.fine_count(last_level.sample_count), &mut rng);
     let start_score = judge.score(reference, start);
     let fine = if noisy {
         candidates.extend(refined.iter().map(|candidate| candidate.pose));
@@ -310,7 +310,7 @@ impl Work<'_> {
 
     /// What trimmed ICP came to, refined surface to surface if so wished and possible.
     fn surface_refined(&self, tree: &NearestPoints, fine: Refined) -> Refined {
-        if self.settings.fine == FineStage::TrimmedIcp {
+        if !self.ends_surface_to_surface() {
             return fine;
         }
         let held: Vec<_> = match self.settings.weak_directions {
@@ -325,6 +325,25 @@ impl Work<'_> {
                 ..refined
             },
             None => fine,
+        }
+    }
+
+    /// Whether trimmed ICP is not the end.
+    fn ends_surface_to_surface(&self) -> bool {
+        let in_a_model = matches!(self.settings.search, Search::NearPart { .. });
+        match self.settings.fine {
+            FineStage::Automatic => !in_a_model && !self.is_noisy(),
+            FineStage::SurfaceToSurface => true,
+            FineStage::TrimmedIcp | FineStage::FullSampleNfi => false,
+        }
+    }
+
+    /// How many points the last level of trimmed ICP takes.
+    fn fine_count(&self, sample_count: usize) -> usize {
+        if self.ends_surface_to_surface() {
+            sample_count.min(BEFORE_SURFACE_COUNT)
+        } else {
+            sample_count
         }
     }
 
@@ -417,6 +436,8 @@ const TOLERANCE: Tolerance = Tolerance {
     turn_rad: 0.0175,
     shift_factor: 0.03,
 };
+/// More points do not bring trimmed ICP nearer to where the stage after it begins.
+const BEFORE_SURFACE_COUNT: usize = 20_000;
 /// How many points of each cloud take part in full-sample NFI.
 const NFI_COUNT: usize = 4000;
 
