@@ -18,6 +18,14 @@ pub(crate) struct Case {
     pub(crate) truth: Matrix4<f64>,
 }
 
+impl Case {
+    /// What cases are grouped by: experiment, model and level.
+    pub(crate) fn group(&self) -> String {
+        let key = |name: &str| self.meta.get(name).cloned().unwrap_or_default();
+        format!("{} {} {}", key("exp"), key("model"), key("level"))
+    }
+}
+
 /// How far an estimate is from the truth.
 pub(crate) struct Errors {
     /// Root mean square over the source points, in the clouds' unit.

@@ -1,6 +1,7 @@
 //! Measurements of bladescan that are too slow or too specific for its tests.
 
 mod bench;
+mod bound;
 mod cases;
 mod doubt;
 mod generate;
@@ -25,6 +26,8 @@ struct Arguments {
 enum Command {
     /// Registers every case folder under a root and compares with the truth.
     Pairs(pairs::PairsArguments),
+    /// Prints the Cramer-Rao bound of every case folder under a root.
+    Bound(bound::BoundArguments),
     /// Registers the views of a folder one after the other to the growing model.
     Model(model::ModelArguments),
     /// Writes case folders with known truth, of the kinds that registration is judged by.
@@ -46,6 +49,7 @@ enum Command {
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     match Arguments::parse().command {
         Command::Pairs(arguments) => pairs::run(&arguments),
+        Command::Bound(arguments) => bound::run(&arguments),
         Command::Model(arguments) => model::run(&arguments),
         Command::Generate(arguments) => generate::run(&arguments),
         Command::Doubt(arguments) => doubt::run(&arguments),

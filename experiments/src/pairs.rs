@@ -17,6 +17,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
+use crate::bound::{self, NoiseArguments};
 use crate::cases::{self, Errors};
 use crate::kabsch;
 
@@ -50,6 +51,12 @@ pub(crate) struct PairsArguments {
     /// Prints the ratio of the errors to those of the known correspondences, for cases whose points repeat.
     #[arg(long)]
     kabsch: bool,
+    /// Compares each error with the Cramer-Rao bound of its case: the median over a group, and the root mean square over
+    /// its successes.
+    #[arg(long)]
+    bound: bool,
+    #[command(flatten)]
+    noise: NoiseArguments,
     /// Prints a line for every case, with the stages.
     #[arg(long)]
     verbose: bool,
@@ -115,6 +122,11 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
         let estimate = found.reference_from_template * turn;
         let errors = cases::errors(case, &source, &estimate);
         known.add(case, &source, &target, &turn, &found);
+        let over_bound = if arguments.bound {
+            errors.rmse / bound::of(case, &source, &target, &arguments.noise)?.rmse
+        } else {
+            f64::NAN
+        };
         let relative = case.folder.strip_prefix(&arguments.root)?;
         if let Some(folder) = &arguments.out {
             let path = folder.join(format!("{}.txt", relative.display()));
@@ -130,7 +142,7 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
                 .collect();
             writeln!(
                 out,
-                "{} {} {:?} rot {:.5} trans {:.5} rmse {:.5} overlap {:.3} fuzziness {:.2} oriented {} weak {:?} [{}]",
+                "{} {} {:?} rot {:.5} trans {:.5} rmse {:.5} over bound {over_bound:.2} overlap {:.3} fuzziness {:.2} oriented {} weak {:?} [{}]",
                 relative.display(),
                 if errors.success { "ok" } else { "FAIL" },
                 found.status,
@@ -144,20 +156,27 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
                 stages.join(", "),
             )?;
         }
-        let key = |name: &str| case.meta.get(name).cloned().unwrap_or_default();
-        groups
-            .entry(format!("{} {} {}", key("exp"), key("model"), key("level")))
-            .or_default()
-            .push(Outcome {
-                errors,
-                seconds,
-                status: found.status,
-            });
+        groups.entry(case.group()).or_default().push(Outcome {
+            errors,
+            over_bound,
+            seconds,
+            status: found.status,
+        });
     }
     writeln!(
         out,
-        "{:<28} {:>6} {:>9} {:>12} {:>12} {:>12} {:>9} {:>7} {:>6}",
-        "group", "cases", "success", "median deg", "median trans", "median rmse", "median s", "worst s", "silent"
+        "{:<28} {:>6} {:>9} {:>12} {:>12} {:>12} {:>9} {:>7} {:>6} {:>12} {:>9}",
+        "group",
+        "cases",
+        "success",
+        "median deg",
+        "median trans",
+        "median rmse",
+        "median s",
+        "worst s",
+        "silent",
+        "median/bound",
+        "rms/bound"
     )?;
     let mut all = (0, 0, 0, 0);
     for (name, results) in groups {
@@ -171,7 +190,7 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
         let of = |value: fn(&Outcome) -> f64| cases::median(results.iter().map(value).collect());
         writeln!(
             out,
-            "{name:<28} {:>6} {:>8.1}% {:>12.5} {:>12.5} {:>12.5} {:>9.3} {:>7.3} {silent:>6}",
+            "{name:<28} {:>6} {:>8.1}% {:>12.5} {:>12.5} {:>12.5} {:>9.3} {:>7.3} {silent:>6} {:>12.2} {:>9.2}",
             results.len(),
             100.0 * successes as f64 / results.len() as f64,
             of(|outcome| outcome.errors.rotation_deg),
@@ -179,6 +198,13 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
             of(|outcome| outcome.errors.rmse),
             of(|outcome| outcome.seconds),
             results.iter().map(|outcome| outcome.seconds).fold(0.0, f64::max),
+            of(|outcome| outcome.over_bound),
+            root_mean_square(
+                results
+                    .iter()
+                    .filter(|outcome| outcome.errors.success)
+                    .map(|outcome| outcome.over_bound)
+            ),
         )?;
     }
     writeln!(
@@ -210,6 +236,7 @@ fn same_bits(pools: &[ThreadPool], work: impl Fn() -> Option<Registration> + Syn
 
 struct Outcome {
     errors: Errors,
+    over_bound: f64,
     seconds: f64,
     status: Status,
 }
@@ -218,6 +245,11 @@ impl Outcome {
     fn is_silently_wrong(&self) -> bool {
         self.status == Status::Converged && !self.errors.success
     }
+}
+
+fn root_mean_square(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = values.fold((0.0, 0), |(sum, count), value| (sum + value * value, count + 1));
+    (sum / f64::from(count.max(1))).sqrt()
 }
 
 /// A rotation drawn evenly from SO(3) about the cloud's centroid, and a shift of at most the cloud's radius each way.

@@ -1,9 +1,11 @@
 //! The vocabulary of space: clouds and rigid motions.
 
+mod cells;
 mod cloud;
 mod formats;
 pub mod nearest;
 pub mod normals;
+pub mod patches;
 pub mod pcd;
 pub mod ply;
 mod rigid;

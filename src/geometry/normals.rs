@@ -4,7 +4,9 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
 use super::PointCloud;
+use super::cells::Cells;
 use super::nearest::NearestPoints;
+use super::sampling::even_indices;
 
 /// How normals are taken from a grid.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -194,6 +196,52 @@ pub fn estimated_normals(
         .collect()
 }
 
+/// Estimates one unit normal of arbitrary sign per point from the points within the radius that holds `neighbour_count`
+/// points in the median, or from the `neighbour_count` nearest points where that holds far fewer.
+///
+/// As [`estimated_normals`], several times as fast, for clouds of even density.
+pub fn normals_within(points: &[Point3<f64>], tree: &NearestPoints, neighbour_count: usize) -> Vec<Vector3<f64>> {
+    let Some(radius) = neighbourhood_radius(points, tree, neighbour_count) else {
+        return estimated_normals(points, tree, neighbour_count, None);
+    };
+    let cells = Cells::new(points, radius);
+    let sorted: Vec<Point3<f64>> = cells.order().iter().map(|&index| points[index]).collect();
+    cells.map(|place, around| {
+        let middle = sorted[place];
+        let mut moments = Moments::default();
+        for near in around.places() {
+            let offset = sorted[near] - middle;
+            if offset.norm_squared() <= radius * radius {
+                moments.add(&offset);
+            }
+        }
+        if 2 * moments.count < neighbour_count {
+            moments = Moments::default();
+            for found in tree.nearest_many(&middle, neighbour_count.max(3)) {
+                moments.add(&(points[found.index] - middle));
+            }
+        }
+        moments.plane_normal().unwrap_or(Vector3::z())
+    })
+}
+
+/// The median over a few hundred points of the distance to the `neighbour_count`-th nearest point, the point itself the
+/// first; `None` unless it is positive.
+pub fn neighbourhood_radius(points: &[Point3<f64>], tree: &NearestPoints, neighbour_count: usize) -> Option<f64> {
+    let mut radii: Vec<f64> = even_indices(points.len(), RADIUS_SAMPLE_COUNT)
+        .par_iter()
+        .with_min_len(64)
+        .filter_map(|&index| {
+            tree.nearest_many(&points[index], neighbour_count)
+                .last()
+                .map(|found| found.distance)
+        })
+        .collect();
+    let middle = radii.len() / 2;
+    let (_, radius, _) = (middle < radii.len()).then(|| radii.select_nth_unstable_by(middle, f64::total_cmp))?;
+    (*radius > 0.0).then_some(*radius)
+}
+
 /// How far a cloud is from being a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Roughness {
@@ -337,6 +385,7 @@ fn smallest_direction(covariance: &Matrix3<f64>) -> Option<Vector3<f64>> {
     best.try_normalize(1e-14)
 }
 
+const RADIUS_SAMPLE_COUNT: usize = 500;
 /// Below this ratio of middle to largest spread the neighbours lie on a line and span no plane.
 const MIDDLE_MIN_FRACTION: f64 = 1e-3;
 
@@ -394,6 +443,10 @@ mod tests {
         let with = with_estimated_normals(&cloud, &tree, 12, Some(&Point3::origin()));
         for (point, normal) in with.points().iter().zip(with.normals().unwrap()) {
             assert!(normal.dot(&point.coords) < -0.995);
+        }
+        let within = normals_within(cloud.points(), &tree, 12);
+        for (point, normal) in cloud.points().iter().zip(&within) {
+            assert!(normal.dot(&point.coords).abs() > 0.995);
         }
     }
 

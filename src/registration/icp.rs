@@ -197,7 +197,8 @@ impl Problem<'_> {
         moved(start, &(start * self.centroid), &self.unscaled(&motion))
     }
 
-    fn unscaled(&self, step: &Vector6<f64>) -> Vector6<f64> {
+    /// A motion with its turns in radians instead of lengths at the radius of gyration.
+    pub(super) fn unscaled(&self, step: &Vector6<f64>) -> Vector6<f64> {
         let mut motion = *step;
         for axis in 0..3 {
             motion[axis] /= self.radius;

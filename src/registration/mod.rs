@@ -25,6 +25,7 @@ mod reference;
 mod search;
 mod sight;
 mod stride;
+mod surface;
 mod swarm;
 #[cfg(test)]
 pub(crate) mod testing;
@@ -107,11 +108,14 @@ pub enum Search {
 /// What ends the work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FineStage {
-    /// Trimmed ICP, unless the clouds' roughness is of the order of their spacing or one repeats the points of the other:
-    /// then as `Pointwise`.
+    /// Surface to surface, for dense clouds; trimmed ICP for thin ones, and for a view in a part of a model
+    /// ([`Search::NearPart`]), where merged points made the former worse. As `Pointwise` if the clouds' roughness is of
+    /// the order of their spacing or one repeats the points of the other.
     Automatic,
     /// Trimmed ICP, as in the paper.
     TrimmedIcp,
+    /// Trimmed ICP, then between second-order patches of both clouds where they are dense enough for them.
+    SurfaceToSurface,
     /// The most likely pose when the points of one cloud (a few thousand) are those of the other with noise.
     Pointwise,
 }

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::facing::{Orientation, camera_of, signed};
 use crate::geometry::PointCloud;
 use crate::geometry::nearest::{NearestPoints, Neighbour};
-use crate::geometry::normals::{Roughness, estimated_normals, roughness};
+use crate::geometry::normals::{Roughness, estimated_normals, normals_within, roughness};
 use crate::geometry::sampling::even_indices;
 
 /// A fixed cloud with normals, a search tree and its scale, ready to be registered to (the paper's Y).
@@ -137,11 +137,26 @@ impl Reference {
     pub fn nearest(&self, query: &Point3<f64>) -> Option<Neighbour> {
         self.tree.nearest(query)
     }
+
+    /// The search tree over the points.
+    pub(super) fn tree(&self) -> &NearestPoints {
+        &self.tree
+    }
+
+    /// The points and their normals.
+    pub(super) fn cloud(&self) -> &PointCloud {
+        &self.cloud
+    }
 }
 
 /// The cloud with estimated normals, and what their signs mean.
 pub(super) fn estimated(cloud: &PointCloud, tree: &NearestPoints) -> (PointCloud, Orientation) {
-    let mut normals = estimated_normals(cloud.points(), tree, NORMAL_NEIGHBOUR_COUNT, None);
+    // On thin clouds counting the neighbours exactly is worth its time.
+    let mut normals = if cloud.len() < DENSE_MIN_COUNT {
+        estimated_normals(cloud.points(), tree, NORMAL_NEIGHBOUR_COUNT, None)
+    } else {
+        normals_within(cloud.points(), tree, NORMAL_NEIGHBOUR_COUNT)
+    };
     let camera = camera_of(cloud.points(), &normals);
     if let Some(camera) = &camera {
         for normal in &mut normals {
@@ -221,6 +236,8 @@ const SPACING_SAMPLE_COUNT: usize = 1000;
 const ROUGHNESS_SAMPLE_COUNT: usize = 500;
 /// Neighbours in a plane fit of an unorganised cloud.
 const NORMAL_NEIGHBOUR_COUNT: usize = 20;
+/// From this many points on a cloud counts as dense.
+const DENSE_MIN_COUNT: usize = 10_000;
 
 #[cfg(test)]
 mod tests {

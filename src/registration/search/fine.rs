@@ -1,5 +1,7 @@
 //! What ends a registration: surfaces are laid on each other, and points where there are no surfaces or where they repeat.
 
+use std::borrow::Cow;
+
 use nalgebra::Isometry3;
 use rand_chacha::ChaCha8Rng;
 
@@ -7,15 +9,16 @@ use super::super::coarse::{Coarse, choose, distinct, rivals};
 use super::super::icp::{Refined, finish};
 use super::super::noisy::Noisy;
 use super::super::uncertainty::{Tolerance, determination};
-use super::super::{Determination, FineStage};
+use super::super::{Determination, FineStage, Search, WeakDirections, surface};
 use super::{Sample, Solved, Work};
+use crate::geometry::PointCloud;
 
 impl Work<'_> {
     /// Whether the fine stage is pointwise whatever comes.
     pub(super) fn is_noisy(&self) -> bool {
         match self.settings.fine {
             FineStage::Automatic => self.roughness.fuzziness > NOISY_FUZZINESS,
-            FineStage::TrimmedIcp => false,
+            FineStage::TrimmedIcp | FineStage::SurfaceToSurface => false,
             FineStage::Pointwise => true,
         }
     }
@@ -35,20 +38,68 @@ impl Work<'_> {
         if let Some(solved) = self.fine_of_repeated(&best.pose, consistent, &rivals, rng) {
             return Some(solved);
         }
-        let mut sample = self.sample(level.sample_count, rng);
+        let mut sample = self.sample(self.fine_count(level.sample_count), rng);
         if best.score.reversed {
             sample = sample.reversed();
         }
-        let fine = finish(
-            &self.problem,
-            &sample,
-            &best.pose,
-            start,
-            level,
-            self.settings.weak_directions,
-        )?;
+        let weak_directions = self.settings.weak_directions;
+        let weighed_last = self.ends_surface_to_surface() && matches!(weak_directions, WeakDirections::Weigh(_));
+        let first = if weighed_last {
+            WeakDirections::Report
+        } else {
+            weak_directions
+        };
+        let fine = finish(&self.problem, &sample, &best.pose, start, level, first)?;
+        let mut fine = self.surface_refined(fine, best.score.reversed);
+        if weighed_last {
+            fine = fine.weighed(&self.problem, start, weak_directions);
+        }
         let ambiguous = self.is_ambiguous(&rivals, &fine) || coarse.is_contradicted(&fine.pose);
         Some(Solved { fine, ambiguous })
+    }
+
+    /// What trimmed ICP came to, refined surface to surface if so wished and possible.
+    fn surface_refined(&self, fine: Refined, reversed: bool) -> Refined {
+        if !self.ends_surface_to_surface() {
+            return fine;
+        }
+        let held: Vec<_> = match self.settings.weak_directions {
+            WeakDirections::Hold => fine.determination.weak.iter().map(|(scaled, _)| *scaled).collect(),
+            WeakDirections::Report | WeakDirections::Weigh(_) => Vec::new(),
+        };
+        let template = if reversed {
+            Cow::Owned(with_reversed_normals(&self.template))
+        } else {
+            Cow::Borrowed(self.template.as_ref())
+        };
+        match surface::refined(&self.problem, &template, &self.tree, &fine, &held) {
+            // What is held stays what trimmed ICP has found to be weak.
+            Some(refined) if held.is_empty() => refined,
+            Some(refined) => Refined {
+                determination: fine.determination,
+                ..refined
+            },
+            None => fine,
+        }
+    }
+
+    /// Whether trimmed ICP is not the end.
+    fn ends_surface_to_surface(&self) -> bool {
+        let in_a_model = matches!(self.settings.search, Search::NearPart { .. });
+        match self.settings.fine {
+            FineStage::Automatic => !in_a_model && !self.is_noisy(),
+            FineStage::SurfaceToSurface => true,
+            FineStage::TrimmedIcp | FineStage::Pointwise => false,
+        }
+    }
+
+    /// How many points the last level of trimmed ICP takes.
+    fn fine_count(&self, sample_count: usize) -> usize {
+        if self.ends_surface_to_surface() {
+            sample_count.min(BEFORE_SURFACE_COUNT)
+        } else {
+            sample_count
+        }
     }
 
     /// The solution among noise, and whether it is ambiguous.
@@ -87,7 +138,9 @@ impl Work<'_> {
         rng: &mut ChaCha8Rng,
     ) -> Option<Solved> {
         let longest = self.template.len().max(self.reference.points().len());
-        if self.settings.fine == FineStage::TrimmedIcp || longest > REPEATED_MAX_COUNT {
+        if matches!(self.settings.fine, FineStage::TrimmedIcp | FineStage::SurfaceToSurface)
+            || longest > REPEATED_MAX_COUNT
+        {
             return None;
         }
         let noisy = self.noisy(REPEATED_MAX_COUNT, rng);
@@ -128,6 +181,11 @@ impl Work<'_> {
     }
 }
 
+fn with_reversed_normals(cloud: &PointCloud) -> PointCloud {
+    let reversed = cloud.normals().unwrap_or(&[]).iter().map(|normal| -normal).collect();
+    cloud.clone().with_normals(reversed).unwrap_or_else(|| cloud.clone())
+}
+
 /// From this fuzziness on there is no surface to register to, only points.
 const NOISY_FUZZINESS: f64 = 0.58;
 /// Among noise a motion with a larger standard deviation than this is weak: a degree, three hundredths of the radius.
@@ -135,6 +193,8 @@ const TOLERANCE: Tolerance = Tolerance {
     turn_rad: 0.0175,
     shift_factor: 0.03,
 };
+/// More points do not bring trimmed ICP nearer to where the stage after it begins.
+const BEFORE_SURFACE_COUNT: usize = 20_000;
 /// How many points of each cloud are compared point by point among noise.
 const POINT_COUNT: usize = 4000;
 /// With more points a cloud is compared by its surface: samples of it repeat nothing.

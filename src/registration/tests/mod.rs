@@ -103,7 +103,7 @@ fn other_points_of_the_same_surface_are_not_taken_for_the_same_points() {
     };
     let by_points = run(&blade(3000, 0.0), &reference, &Isometry3::identity(), &pointwise);
     let by_surface = Settings {
-        fine: FineStage::TrimmedIcp,
+        fine: FineStage::SurfaceToSurface,
         ..Settings::default()
     };
     let by_surface = run(&blade(3000, 0.0), &reference, &Isometry3::identity(), &by_surface);

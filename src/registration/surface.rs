@@ -1,0 +1,264 @@
+//! Surface to surface: what ends the work where both clouds are dense.
+//!
+//! Trimmed ICP compares each template point with one reference point, so the noise of the reference points that happen
+//! to be many points' nearest counts several times: on dense views that costs 1.5 to 2 times the Cramer-Rao bound. Here
+//! both clouds are replaced by their [`patches`] first, with one radius for both, so that what the fits smooth away of
+//! the shape is the same in both; pairs are taken both ways; and where a surface bends too much for its patch, the
+//! measured points are compared. The pairs hold still: trimmed ICP has ended far below a spacing from the solution.
+
+use std::collections::HashSet;
+
+use nalgebra::{Isometry3, Point3, Vector3, Vector6};
+use rayon::prelude::*;
+
+use super::icp::{Problem, Refined};
+use super::normal_matrix::NormalMatrix;
+use super::twist::{motion_between, moved};
+use crate::geometry::PointCloud;
+use crate::geometry::nearest::NearestPoints;
+use crate::geometry::normals::neighbourhood_radius;
+use crate::geometry::patches::{Patch, patches};
+
+/// The pose after trimmed ICP has come to `fine`, made more accurate; without motion along the `held` directions.
+///
+/// `template` has normals, `tree` holds its points. `None` where the clouds are too different in density for one
+/// radius, where too little of them is smooth, or where the result is not close to `fine`.
+pub(super) fn refined(
+    problem: &Problem<'_>,
+    template: &PointCloud,
+    tree: &NearestPoints,
+    fine: &Refined,
+    held: &[Vector6<f64>],
+) -> Option<Refined> {
+    let reference = problem.reference;
+    let own = neighbourhood_radius(template.points(), tree, NEIGHBOUR_COUNT)?;
+    let other = neighbourhood_radius(reference.points(), reference.tree(), NEIGHBOUR_COUNT)?;
+    let radius = own.max(other);
+    if radius > DENSITY_MAX_RATIO * own.min(other) {
+        return None;
+    }
+    let near = near(reference.cloud(), template, &fine.pose, radius);
+    let all: Vec<usize> = (0..template.len()).collect();
+    let fixed = Surface::new(reference.cloud(), reference.tree(), &near, radius, problem.oriented);
+    let moving = Surface::new(template, tree, &all, radius, problem.oriented);
+    let pairs = Pairing {
+        problem,
+        moving: &moving,
+        fixed: &fixed,
+        reach: REACH_RADII * radius,
+        pose: fine.pose,
+    }
+    .pairs(tree, &near);
+    if pairs.len() < PAIR_MIN_COUNT {
+        return None;
+    }
+    let mut pose = fine.pose;
+    let mut sums = NormalMatrix::zero();
+    for _ in 0..ITERATION_COUNT {
+        sums = equations(problem, &moving, &fixed, &pairs, &pose)?;
+        let step = sums.step(held)?;
+        pose = moved(&pose, &(pose * problem.centroid), &problem.unscaled(&step));
+    }
+    let mut motion = motion_between(&fine.pose, &pose, &problem.centroid);
+    for axis in 0..3 {
+        motion[axis] *= problem.radius;
+    }
+    (motion.norm() <= REACH_RADII * radius).then(|| Refined {
+        pose,
+        iterations: fine.iterations + ITERATION_COUNT,
+        // Every measured distance counts twice, once each way.
+        determination: sums.determination(problem.radius, sums.weight / 2.0),
+    })
+}
+
+/// The indices, ascending, of the reference points that a patch near the template may need.
+fn near(reference: &PointCloud, template: &PointCloud, pose: &Isometry3<f64>, radius: f64) -> Vec<usize> {
+    let cell = |point: &Point3<f64>| point.coords.map(|value| (value / (2.0 * radius)).floor() as i64);
+    let mut occupied: Vec<[i64; 3]> = template
+        .points()
+        .iter()
+        .map(|point| cell(&(pose * point)).into())
+        .collect();
+    occupied.par_sort_unstable();
+    occupied.dedup();
+    let mut wanted = HashSet::with_capacity(8 * occupied.len());
+    for [x, y, z] in occupied {
+        for step in 0..27 {
+            wanted.insert([x + step % 3 - 1, y + step / 3 % 3 - 1, z + step / 9 - 1]);
+        }
+    }
+    let points = reference.points();
+    (0..points.len())
+        .into_par_iter()
+        .with_min_len(4096)
+        .filter(|&index| wanted.contains::<[i64; 3]>(&cell(&points[index]).into()))
+        .collect()
+}
+
+/// Some points of a cloud and their patches.
+struct Surface {
+    points: Vec<Point3<f64>>,
+    patches: Vec<Patch>,
+}
+
+impl Surface {
+    fn new(cloud: &PointCloud, tree: &NearestPoints, indices: &[usize], radius: f64, oriented: bool) -> Self {
+        Self {
+            points: indices.iter().map(|&index| cloud.points()[index]).collect(),
+            patches: patches(cloud, tree, indices, radius, oriented),
+        }
+    }
+}
+
+/// A template point and a reference point, by their places in their surfaces.
+#[derive(Clone, Copy)]
+struct Pair {
+    template: usize,
+    reference: usize,
+}
+
+struct Pairing<'a> {
+    problem: &'a Problem<'a>,
+    moving: &'a Surface,
+    fixed: &'a Surface,
+    reach: f64,
+    pose: Isometry3<f64>,
+}
+
+impl Pairing<'_> {
+    /// Each template point with its nearest reference point, then each of these with its nearest template point.
+    /// `near` are the reference's indices of `fixed`.
+    fn pairs(&self, tree: &NearestPoints, near: &[usize]) -> Vec<Pair> {
+        let reference = self.problem.reference;
+        let template_from_reference = self.pose.inverse();
+        let there = self.moving.points.par_iter().enumerate().with_min_len(512);
+        let there = there.filter_map(|(template, point)| {
+            let found = reference.tree().nearest_within(&(self.pose * point), self.reach)?;
+            let reference = near.binary_search(&found.index).ok()?;
+            self.agreed(Pair { template, reference })
+        });
+        let back = self.fixed.points.par_iter().enumerate().with_min_len(512);
+        let back = back.filter_map(|(reference, point)| {
+            let found = tree.nearest_within(&(template_from_reference * point), self.reach)?;
+            let template = found.index;
+            self.agreed(Pair { template, reference })
+        });
+        there.chain(back).collect()
+    }
+
+    fn agreed(&self, pair: Pair) -> Option<Pair> {
+        let (first, second) = (&self.moving.patches[pair.template], &self.fixed.patches[pair.reference]);
+        let cosine = (self.pose * first.normal).dot(&second.normal);
+        let cosine = if self.problem.oriented { cosine } else { cosine.abs() };
+        (cosine >= AGREEMENT).then_some(pair)
+    }
+}
+
+/// Whether a patch follows its surface more closely than its point does.
+fn is_smooth(patch: &Patch) -> bool {
+    patch.bend_rad <= BEND_MAX_RAD && patch.variance_share <= VARIANCE_MAX_SHARE
+}
+
+/// One pair in one pose.
+struct Measured {
+    point: Point3<f64>,
+    first: Vector3<f64>,
+    second: Vector3<f64>,
+    normal: Vector3<f64>,
+    /// Distance of the patches, or of the points where a patch is not smooth.
+    residual: f64,
+    /// Distance of the points as measured.
+    raw: f64,
+}
+
+fn measured(moving: &Surface, fixed: &Surface, pair: Pair, pose: &Isometry3<f64>) -> Option<Measured> {
+    let (there, here) = (&moving.patches[pair.template], &fixed.patches[pair.reference]);
+    let turned = pose * there.normal;
+    let first = if turned.dot(&here.normal) < 0.0 {
+        -turned
+    } else {
+        turned
+    };
+    let normal = (first + here.normal).try_normalize(0.0)?;
+    let point = pose * moving.points[pair.template];
+    let raw = normal.dot(&(point - fixed.points[pair.reference]));
+    let residual = if is_smooth(there) && is_smooth(here) {
+        normal.dot(&(pose * there.position - here.position))
+    } else {
+        raw
+    };
+    Some(Measured {
+        point,
+        first,
+        second: here.normal,
+        normal,
+        residual,
+        raw,
+    })
+}
+
+/// The equations at `pose`, weighted by Tukey's function; their squared residual is that of the measured points.
+fn equations(
+    problem: &Problem<'_>,
+    moving: &Surface,
+    fixed: &Surface,
+    pairs: &[Pair],
+    pose: &Isometry3<f64>,
+) -> Option<NormalMatrix> {
+    let found: Vec<Measured> = pairs
+        .par_iter()
+        .with_min_len(512)
+        .filter_map(|&pair| measured(moving, fixed, pair, pose))
+        .collect();
+    let mut sizes: Vec<f64> = found.iter().map(|m| m.residual.abs()).collect();
+    let middle = sizes.len() / 2;
+    let (_, median, _) = (middle < sizes.len()).then(|| sizes.select_nth_unstable_by(middle, f64::total_cmp))?;
+    let cut = (TUKEY * MEDIAN_TO_SIGMA * *median).max(ROUNDING * problem.radius);
+    let centre = pose * problem.centroid;
+    let parts: Vec<NormalMatrix> = found
+        .par_chunks(CHUNK_COUNT)
+        .map(|chunk| {
+            let mut sums = NormalMatrix::zero();
+            let mut squared = 0.0;
+            for m in chunk {
+                let share = 1.0 - (m.residual / cut).powi(2);
+                if share <= 0.0 {
+                    continue;
+                }
+                let weight = share * share;
+                let arm = (m.point - centre) / problem.radius;
+                sums.add(weight, &arm, &m.normal, m.residual);
+                sums.add_cross(weight, &arm, &m.first, &m.second);
+                squared += weight * m.raw * m.raw;
+            }
+            sums.squared_residual = squared;
+            sums
+        })
+        .collect();
+    let mut total = NormalMatrix::zero();
+    for part in &parts {
+        total.merge(part);
+    }
+    (total.weight > 0.0).then_some(total)
+}
+
+/// About how many points a patch is fitted to: fewer leave noise, more smooth edges away.
+const NEIGHBOUR_COUNT: usize = 16;
+/// With a larger ratio of the two neighbourhoods' radii one cloud is too thin for the other's.
+const DENSITY_MAX_RATIO: f64 = 2.5;
+/// Paired points are nearer than this, over the patches' radius: about two spacings. Neither may the pose move further.
+const REACH_RADII: f64 = 0.75;
+/// A patch that bends more does not follow its surface.
+const BEND_MAX_RAD: f64 = 0.25;
+/// At a rim the fit is an extrapolation; with a larger share of the points' variance it is not worth it.
+const VARIANCE_MAX_SHARE: f64 = 0.5;
+/// Least cosine between the normals of a pair.
+const AGREEMENT: f64 = 0.85;
+/// Fewer pairs are not worth it.
+const PAIR_MIN_COUNT: usize = 1000;
+const ITERATION_COUNT: u32 = 2;
+const CHUNK_COUNT: usize = 1024;
+const TUKEY: f64 = 4.685;
+const MEDIAN_TO_SIGMA: f64 = 1.4826;
+/// Smaller residuals over the template's radius are rounding.
+const ROUNDING: f64 = 1e-9;
