@@ -12,7 +12,7 @@ use bladescan::geometry::normals::with_estimated_normals;
 use bladescan::geometry::sampling::random_indices;
 use bladescan::registration::field::{FORCE_ERROR_MAX, Field, Kernel};
 use bladescan::registration::mpe::descend;
-use bladescan::registration::{MpeSettings, Reference, Search, Settings, Summation, register};
+use bladescan::registration::{MpeSettings, Reference, Search, Settings, Summation, register_from};
 use bladescan::seed::{Seed, Stream};
 use clap::Args;
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -315,7 +315,7 @@ fn view(arguments: &BenchArguments, out: &mut impl Write) -> std::io::Result<()>
         let mut stages = Vec::new();
         let mut begun = Instant::now();
         let rng = Seed(arguments.seed).stream(Stream::Sampling { view_index: 0 });
-        let found = register(&half, &reference, &start, &settings, rng, &mut |stage| {
+        let found = register_from(&half, &reference, &start, &settings, rng, &mut |stage| {
             stages.push((stage.name, stage.iterations, begun.elapsed().as_secs_f64()));
             begun = Instant::now();
         });

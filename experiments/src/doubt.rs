@@ -8,7 +8,7 @@ use std::path::PathBuf;
 
 use bladescan::geometry::PointCloud;
 use bladescan::geometry::sampling::random_indices;
-use bladescan::registration::{FineStage, Reference, Registration, Search, Settings, WeakDirections, register};
+use bladescan::registration::{FineStage, Reference, Registration, Search, Settings, WeakDirections, register_from};
 use clap::Args;
 use nalgebra::{Isometry3, Point3, Vector3, Vector6};
 use rand::RngExt;
@@ -123,7 +123,7 @@ fn once(
         weak_directions: WeakDirections::Report,
         ..Settings::default()
     };
-    let found = register(
+    let found = register_from(
         &template,
         &Reference::new(&PointCloud::from_measured(reference).cloud)?,
         &truth,

@@ -5,7 +5,7 @@ use std::io::Write;
 use std::time::Instant;
 
 use bladescan::geometry::PointCloud;
-use bladescan::registration::{Reference, Search, Settings, WeakDirections, register};
+use bladescan::registration::{Reference, Search, Settings, WeakDirections, register_from};
 use bladescan::seed::{Seed, Stream};
 use clap::Args;
 use nalgebra::{Isometry3, Vector3};
@@ -56,7 +56,7 @@ pub(crate) fn run(arguments: &LargeArguments) -> Result<(), Box<dyn Error>> {
         weak_directions: WeakDirections::Report,
         ..Settings::default()
     };
-    let found = register(
+    let found = register_from(
         &template,
         &reference,
         &Isometry3::identity(),

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use bladescan::geometry::PointCloud;
-use bladescan::registration::{Reference, Registration, Search, Settings, Status, WeakDirections, register};
+use bladescan::registration::{Reference, Registration, Search, Settings, Status, WeakDirections, register_from};
 use bladescan::seed::{Seed, Stream};
 use clap::Args;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
@@ -103,7 +103,14 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
         if !pools.is_empty() {
             let is_same = same_bits(&pools, || {
                 let reference = Reference::new(&target).ok()?;
-                Some(register(&turned, &reference, &start, &settings, stream(), &mut |_| {}))
+                Some(register_from(
+                    &turned,
+                    &reference,
+                    &start,
+                    &settings,
+                    stream(),
+                    &mut |_| {},
+                ))
             });
             same_count += usize::from(is_same);
             if !is_same {
@@ -114,7 +121,7 @@ pub(crate) fn run(arguments: &PairsArguments) -> Result<(), Box<dyn Error>> {
         let reference = Reference::new(&target)?;
         let mut times = vec![("reference", 0, begun.elapsed().as_secs_f64())];
         let mut last = Instant::now();
-        let found = register(&turned, &reference, &start, &settings, stream(), &mut |stage| {
+        let found = register_from(&turned, &reference, &start, &settings, stream(), &mut |stage| {
             times.push((stage.name, stage.iterations, last.elapsed().as_secs_f64()));
             last = Instant::now();
         });

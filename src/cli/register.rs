@@ -4,7 +4,7 @@ use super::{Exit, Failure, print};
 use crate::geometry::{Measured, PointCloud, isometry_from_rows, matrix_rows, read_cloud};
 use crate::registration::{
     Reference, RegisterError, Registration, Search, Settings, Stage, StartSigma, Status, WeakDirections,
-    can_be_registered, register,
+    can_be_registered, register_from,
 };
 use crate::seed::{Seed, Stream};
 use nalgebra::Isometry3;
@@ -71,7 +71,7 @@ pub(super) fn main(args: &Args) -> Result<Exit, Failure> {
         ..Settings::default()
     };
     let stream = Seed(args.seed).stream(Stream::Sampling { view_index: 0 });
-    let found = register(&template, &prepared, &start, &settings, stream, &mut on_stage);
+    let found = register_from(&template, &prepared, &start, &settings, stream, &mut on_stage);
     let outcome = Outcome {
         found,
         stages,

@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::model::{Model, with_normals};
 use crate::geometry::PointCloud;
-use crate::registration::{Overlap, Registration, Search, Settings, Stage, Status, register};
+use crate::registration::{Overlap, Registration, Search, Settings, Stage, Status, register_from};
 
 /// How views are registered and when they are merged.
 #[derive(Debug, Clone, PartialEq)]
@@ -146,7 +146,7 @@ pub fn register_view(
         return out;
     };
     let view = with_normals(view);
-    let registration = register(&view, reference, start, &settings.registration, seed_stream, on_stage);
+    let registration = register_from(&view, reference, start, &settings.registration, seed_stream, on_stage);
     let found = registration.reference_from_template;
     let centroid = view.centroid();
     out.prior_rotation_rad = (start.rotation.inverse() * found.rotation).angle();

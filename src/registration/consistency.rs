@@ -135,12 +135,13 @@ impl Judge<'_> {
         });
         let here = views.reference_sight.contradiction(&sample.points, pose);
         let there = views.template_sight.contradiction(&other.points, &back);
+        let beside = BESIDE_WEIGHT * (here.beside + there.beside);
         let score = |reversed: bool, contradiction: f64, cost: f64| {
             let index = usize::from(reversed);
             let shares = [shares[index], others[index]];
             Score {
                 share: shares[0],
-                value: (shares[0] + shares[1] - CONTRADICTION_WEIGHT * contradiction) / 2.0 - cost,
+                value: (shares[0] + shares[1] - CONTRADICTION_WEIGHT * contradiction - beside) / 2.0 - cost,
                 contradiction: contradiction / 2.0,
                 reversed,
             }
@@ -206,5 +207,7 @@ const AGREEMENT: f64 = 0.85;
 /// A point that contradicts a view weighs as much as this many points that fit: the right pose has hardly any, a wrong one
 /// can well fit in places. From 3 to 8 the choice is the same.
 const CONTRADICTION_WEIGHT: f64 = 3.0;
+/// What a point beyond the edge of a view's image weighs: most likely nothing is there, but the camera may not have looked.
+const BESIDE_WEIGHT: f64 = 0.75;
 /// What it costs to take both clouds' sides for opposite ones, for sides that are quite sure.
 const REVERSED_COST: f64 = 0.3;

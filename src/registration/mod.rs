@@ -1,9 +1,12 @@
 //! Pairwise registration: the rigid motion that lays one cloud on another.
 //!
 //! [`register`] moves the *template* (the paper's X, one view) onto the fixed *reference* (Y, another view or the merged
-//! model). Minimum Potential Energy ([`mpe`]) brings it near; trimmed ICP ([`icp`]) ends the work; the candidate that is
-//! more consistent with the reference wins, so the result is never worse than the start. Everything is free of scale:
-//! lengths are in whatever unit the clouds are in, and every default is derived from the clouds' extent and spacing.
+//! model). Minimum Potential Energy ([`mpe`]) brings it near; where that does not explain the clouds, votes of point pairs
+//! (two single views) or a swarm of short falls (other clouds) say where else to begin. Trimmed ICP ([`icp`]) refines the
+//! candidates, and what ends the work depends on the clouds: dense surfaces are laid on each other patch by patch; points
+//! among noise, or that repeat, take the most likely pose. The candidate that is more consistent with the reference wins,
+//! so the result is never worse than the start. Everything is free of scale: lengths are in whatever unit the clouds are
+//! in, and every default is derived from the clouds' extent and spacing.
 //!
 //! The symbols of the paper and our readings of it are in `docs/paper.md`.
 
@@ -73,7 +76,7 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             sample_count: 500,
-            search: Search::Near,
+            search: Search::Automatic,
             mpe: MpeSettings::default(),
             fine: FineStage::Automatic,
             icp: IcpSettings::default(),
@@ -205,13 +208,60 @@ pub struct Stage {
     pub iterations: u32,
 }
 
+/// Registers two clouds with nothing known about the motion between them: from the identity, seed 1.
+///
+/// For a start, a reference that serves many templates, or times of the stages: [`register_from`].
+///
+/// # Errors
+/// When a cloud has too few points to register, no extent, or coordinates that cannot be computed with.
+///
+/// ```
+/// use bladescan::geometry::PointCloud;
+/// use bladescan::registration::{Settings, Status, register};
+/// use nalgebra::{Isometry3, Point3, Vector3};
+///
+/// // A wavy patch, and the same patch moved a little.
+/// let points = (0..1600).map(|i| {
+///     let (u, v) = (f64::from(i % 40) / 20.0 - 1.0, f64::from(i / 40) / 20.0 - 1.0);
+///     Point3::new(u, v, 0.3 * (3.0 * u).sin() * (2.0 * v + 0.5).cos() + 0.2 * u * v)
+/// });
+/// let template = PointCloud::from_measured(points).cloud;
+/// let truth = Isometry3::new(Vector3::new(0.05, -0.03, 0.02), Vector3::new(0.05, 0.02, 0.1));
+/// let reference = template.transformed(&truth);
+///
+/// let found = register(&template, &reference, &Settings::default())?;
+/// assert_eq!(found.status, Status::Converged);
+/// let error = truth.inverse() * found.reference_from_template;
+/// assert!(error.rotation.angle() < 1e-4 && error.translation.vector.norm() < 1e-4);
+/// # Ok::<(), bladescan::registration::RegisterError>(())
+/// ```
+pub fn register(
+    template: &PointCloud,
+    reference: &PointCloud,
+    settings: &Settings,
+) -> Result<Registration, RegisterError> {
+    can_be_registered(template)?;
+    let settings = Settings {
+        weak_directions: WeakDirections::Report,
+        ..settings.clone()
+    };
+    Ok(register_from(
+        template,
+        &Reference::new(reference)?,
+        &Isometry3::identity(),
+        &settings,
+        ChaCha8Rng::seed_from_u64(1),
+        &mut |_| {},
+    ))
+}
+
 /// Registers `template` to `reference` from `start` (`reference_from_template`).
 ///
 /// `seed_stream` draws the samples; the same stream gives the same bits, whatever the number of threads. `on_stage` is
 /// called when each stage ends, so that a caller with a clock can time it. Template normals are used if there are any
 /// (they must face the sensor, like the reference's) and estimated otherwise. A template that as a reference would be
 /// refused (too few points, all in one place), and a start that is not finite, give `Failed`.
-pub fn register(
+pub fn register_from(
     template: &PointCloud,
     reference: &Reference,
     start: &Isometry3<f64>,
@@ -229,51 +279,6 @@ pub fn register(
 /// can be computed with.
 pub fn can_be_registered(cloud: &PointCloud) -> Result<(), RegisterError> {
     reference::centroid_and_radius(cloud).map(|_| ())
-}
-
-/// Registers two clouds with nothing known about the motion between them: from the identity, seed 1.
-///
-/// # Errors
-/// When a cloud has too few points to register, no extent, or coordinates that cannot be computed with.
-///
-/// ```
-/// use bladescan::geometry::PointCloud;
-/// use bladescan::registration::{Settings, Status, register_pair};
-/// use nalgebra::{Isometry3, Point3, Vector3};
-///
-/// // A wavy patch, and the same patch moved a little.
-/// let points = (0..1600).map(|i| {
-///     let (u, v) = (f64::from(i % 40) / 20.0 - 1.0, f64::from(i / 40) / 20.0 - 1.0);
-///     Point3::new(u, v, 0.3 * (3.0 * u).sin() * (2.0 * v + 0.5).cos() + 0.2 * u * v)
-/// });
-/// let template = PointCloud::from_measured(points).cloud;
-/// let truth = Isometry3::new(Vector3::new(0.05, -0.03, 0.02), Vector3::new(0.05, 0.02, 0.1));
-/// let reference = template.transformed(&truth);
-///
-/// let found = register_pair(&template, &reference, &Settings::default())?;
-/// assert_eq!(found.status, Status::Converged);
-/// let error = truth.inverse() * found.reference_from_template;
-/// assert!(error.rotation.angle() < 1e-4 && error.translation.vector.norm() < 1e-4);
-/// # Ok::<(), bladescan::registration::RegisterError>(())
-/// ```
-pub fn register_pair(
-    template: &PointCloud,
-    reference: &PointCloud,
-    settings: &Settings,
-) -> Result<Registration, RegisterError> {
-    can_be_registered(template)?;
-    let settings = Settings {
-        weak_directions: WeakDirections::Report,
-        ..settings.clone()
-    };
-    Ok(register(
-        template,
-        &Reference::new(reference)?,
-        &Isometry3::identity(),
-        &settings,
-        ChaCha8Rng::seed_from_u64(1),
-        &mut |_| {},
-    ))
 }
 
 /// The covariance, weak directions and residual that the fine stage leaves behind.

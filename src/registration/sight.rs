@@ -28,6 +28,8 @@ pub(super) struct Sight {
 pub(super) struct Contradiction {
     pub(super) facing: f64,
     pub(super) averted: f64,
+    /// The share beyond the edge of the image: no contradiction if the camera did not look there.
+    pub(super) beside: f64,
 }
 
 impl Sight {
@@ -101,15 +103,19 @@ impl Sight {
     /// How much of `points`, laid into this view's frame by `pose`, contradicts it.
     pub(super) fn contradiction(&self, points: &[Point3<f64>], pose: &Isometry3<f64>) -> Contradiction {
         let tolerance = DEPTH_CELLS * self.cell;
-        let (mut facing, mut averted) = (0, 0);
+        let (mut facing, mut averted, mut beside) = (0, 0, 0);
         for point in points {
             let placed = pose * point;
-            let seen = self.place(&placed).filter(|place| self.nearest[*place].is_finite());
-            let Some(place) = seen else {
+            // Beyond the edge of the image the camera may not have looked.
+            let Some(place) = self.place(&placed) else {
+                beside += 1;
+                continue;
+            };
+            if !self.nearest[place].is_finite() {
                 facing += 1;
                 averted += 1;
                 continue;
-            };
+            }
             let depth = placed.coords.dot(&self.camera.towards);
             facing += usize::from(depth > self.nearest[place] + tolerance);
             averted += usize::from(depth < self.farthest[place] - tolerance);
@@ -118,6 +124,7 @@ impl Sight {
         Contradiction {
             facing: share(facing),
             averted: share(averted),
+            beside: share(beside),
         }
     }
 }
@@ -150,6 +157,7 @@ mod tests {
         assert!(at(0.5).facing > 0.8 && at(0.5).averted < 0.1);
         assert!(at(-0.5).facing < 0.1 && at(-0.5).averted > 0.8);
         let beside = sight.contradiction(view.points(), &Isometry3::translation(0.0, 0.0, 1.0));
-        assert!((0.4..0.6).contains(&beside.facing), "{beside:?}");
+        assert!((0.4..0.6).contains(&beside.beside), "{beside:?}");
+        assert_eq!((beside.facing, beside.averted), (0.0, 0.0));
     }
 }

@@ -6,7 +6,7 @@
 //! the shape is the same in both; pairs are taken both ways; and where a surface bends too much for its patch, the
 //! measured points are compared. The pairs hold still: trimmed ICP has ended far below a spacing from the solution.
 
-use std::collections::HashSet;
+use std::collections::BTreeSet;
 
 use nalgebra::{Isometry3, Point3, Vector3, Vector6};
 use rayon::prelude::*;
@@ -81,7 +81,7 @@ fn near(reference: &PointCloud, template: &PointCloud, pose: &Isometry3<f64>, ra
         .collect();
     occupied.par_sort_unstable();
     occupied.dedup();
-    let mut wanted = HashSet::with_capacity(8 * occupied.len());
+    let mut wanted = BTreeSet::new();
     for [x, y, z] in occupied {
         for step in 0..27 {
             wanted.insert([x + step % 3 - 1, y + step / 3 % 3 - 1, z + step / 9 - 1]);

@@ -3,9 +3,9 @@
 use super::super::testing::{blade, noisy};
 use super::*;
 
-/// Registers from the identity with nothing known, as `register_pair` does.
+/// Registers from the identity with nothing known, as `register` does.
 fn outcome(template: &PointCloud, reference: &PointCloud) -> Result<Registration, RegisterError> {
-    let found = register_pair(template, reference, &Settings::default());
+    let found = register(template, reference, &Settings::default());
     if let Ok(found) = &found {
         assert_all_finite(found);
     }

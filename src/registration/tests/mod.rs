@@ -16,7 +16,7 @@ fn motion() -> Isometry3<f64> {
 
 fn run(template: &PointCloud, reference: &PointCloud, start: &Isometry3<f64>, settings: &Settings) -> Registration {
     let reference = Reference::new(reference).unwrap();
-    register(
+    register_from(
         template,
         &reference,
         start,
