@@ -121,7 +121,6 @@ pub(crate) fn errors(case: &Case, source: &PointCloud, estimate: &Isometry3<f64>
 }
 
 /// The middle value; NaN of nothing.
-pub(crate) fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+pub(crate) fn median(values: Vec<f64>) -> f64 {
+    bladescan::geometry::statistics::median(values).unwrap_or(f64::NAN)
 }

@@ -8,6 +8,7 @@ use std::error::Error;
 use std::io::Write;
 
 use bladescan::geometry::PointCloud;
+use bladescan::geometry::statistics::mean;
 use bladescan::registration::Registration;
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
 
@@ -119,10 +120,7 @@ fn bound(case: &Case, source: &PointCloud, target: &PointCloud) -> Option<f64> {
 
 /// The motion that lays points on their partners with the least squares (Kabsch).
 fn motion_between(from: &[Point3<f64>], to: &[Point3<f64>]) -> Isometry3<f64> {
-    let mean = |points: &[Point3<f64>]| {
-        points.iter().map(|point| point.coords).sum::<Vector3<f64>>() / points.len().max(1) as f64
-    };
-    let (here, there) = (mean(from), mean(to));
+    let (here, there) = (mean(from).coords, mean(to).coords);
     let moments: Matrix3<f64> = from
         .iter()
         .zip(to)

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use bladescan::geometry::sampling::random_indices;
+use bladescan::geometry::statistics::mean;
 use bladescan::registration::mpe::descend;
 use bladescan::registration::{Formulation, Halving, MpeSettings, Stop, Stride};
 use clap::Args;
@@ -180,7 +181,7 @@ fn fall(points: &[Point3<f64>], blade: u64, seed: u64, arguments: &MpeArguments)
         .into_iter()
         .map(|index| points[index])
         .collect();
-    let centroid = points.iter().map(|point| point.coords).sum::<Vector3<f64>>() / points.len().max(1) as f64;
+    let centroid = mean(points).coords;
     let squared: f64 = points
         .iter()
         .map(|point| (point.coords - centroid).norm_squared())

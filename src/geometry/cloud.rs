@@ -2,6 +2,8 @@
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
+use super::statistics::mean;
+
 /// A set of finite points, optionally with one unit normal each.
 ///
 /// Units are the caller's (millimetres everywhere in bladescan except in viewer topics). Order is kept: algorithms
@@ -82,8 +84,7 @@ impl PointCloud {
 
     /// The mean of the points; the origin for an empty cloud.
     pub fn centroid(&self) -> Point3<f64> {
-        let sum: Vector3<f64> = self.points.iter().map(|point| point.coords).sum();
-        Point3::from(sum / self.points.len().max(1) as f64)
+        mean(&self.points)
     }
 
     /// The same cloud seen from another frame: points moved, normals turned.

@@ -10,6 +10,7 @@ pub mod pcd;
 pub mod ply;
 mod rigid;
 pub mod sampling;
+pub mod statistics;
 pub mod xyz;
 
 pub use cloud::{Measured, PointCloud};

@@ -7,6 +7,7 @@ use super::PointCloud;
 use super::cells::Cells;
 use super::nearest::NearestPoints;
 use super::sampling::even_indices;
+use super::statistics::median;
 
 /// How normals are taken from a grid.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -228,7 +229,7 @@ pub fn normals_within(points: &[Point3<f64>], tree: &NearestPoints, neighbour_co
 /// The median over a few hundred points of the distance to the `neighbour_count`-th nearest point, the point itself the
 /// first; `None` unless it is positive.
 pub fn neighbourhood_radius(points: &[Point3<f64>], tree: &NearestPoints, neighbour_count: usize) -> Option<f64> {
-    let mut radii: Vec<f64> = even_indices(points.len(), RADIUS_SAMPLE_COUNT)
+    let radii: Vec<f64> = even_indices(points.len(), RADIUS_SAMPLE_COUNT)
         .par_iter()
         .with_min_len(64)
         .filter_map(|&index| {
@@ -237,9 +238,24 @@ pub fn neighbourhood_radius(points: &[Point3<f64>], tree: &NearestPoints, neighb
                 .map(|found| found.distance)
         })
         .collect();
-    let middle = radii.len() / 2;
-    let (_, radius, _) = (middle < radii.len()).then(|| radii.select_nth_unstable_by(middle, f64::total_cmp))?;
-    (*radius > 0.0).then_some(*radius)
+    median(radii).filter(|radius| *radius > 0.0)
+}
+
+/// Two unit vectors that are square to the unit vector `direction` and to each other.
+pub(crate) fn tangents(direction: &Vector3<f64>) -> [Vector3<f64>; 2] {
+    let aside = if direction.x.abs() < 0.7 {
+        Vector3::x()
+    } else {
+        Vector3::y()
+    };
+    let right = direction.cross(&aside).normalize();
+    [right, direction.cross(&right)]
+}
+
+/// The cosine between two normals; without its sign unless they are `oriented`.
+pub(crate) fn agreement(first: &Vector3<f64>, second: &Vector3<f64>, oriented: bool) -> f64 {
+    let cosine = first.dot(second);
+    if oriented { cosine } else { cosine.abs() }
 }
 
 /// How far a cloud is from being a surface.

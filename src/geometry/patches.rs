@@ -5,6 +5,7 @@ use nalgebra::{Matrix6, Point3, Vector3, Vector6};
 use super::PointCloud;
 use super::cells::Cells;
 use super::nearest::NearestPoints;
+use super::normals::{agreement, tangents};
 
 /// The surface near one point, from a second-order fit to the points around it.
 ///
@@ -76,9 +77,7 @@ impl Member {
 
 fn fit<'a>(middle: &Member, around: impl Iterator<Item = &'a Member>, radius: f64, oriented: bool) -> Option<Patch> {
     let up = middle.normal;
-    let aside = if up.x.abs() < 0.7 { Vector3::x() } else { Vector3::y() };
-    let right = up.cross(&aside).normalize();
-    let ahead = up.cross(&right);
+    let [right, ahead] = tangents(&up);
     let squared = radius * radius * (1.0 + ROUNDING);
     let mut moments = Moments::default();
     for other in around {
@@ -86,10 +85,8 @@ fn fit<'a>(middle: &Member, around: impl Iterator<Item = &'a Member>, radius: f6
         if offset.norm_squared() > squared {
             continue;
         }
-        let cosine = up.dot(&other.normal);
-        let cosine = if oriented { cosine } else { cosine.abs() };
         let height = up.dot(&offset) / radius;
-        if cosine >= SAME_SHEET_COSINE && height.abs() <= HEIGHT_MAX {
+        if agreement(&up, &other.normal, oriented) >= SAME_SHEET_COSINE && height.abs() <= HEIGHT_MAX {
             moments.add(right.dot(&offset) / radius, ahead.dot(&offset) / radius, height);
         }
     }

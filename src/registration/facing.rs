@@ -9,7 +9,9 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::geometry::nearest::NearestPoints;
+use crate::geometry::normals::tangents;
 use crate::geometry::sampling::even_indices;
+use crate::geometry::statistics::median;
 
 /// What is known of the side from which a cloud was seen.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -137,13 +139,12 @@ impl Sheet {
                 found.into_iter().map(|found| found.index).collect()
             })
             .collect();
-        let mut distances: Vec<f64> = neighbours
+        let distances: Vec<f64> = neighbours
             .iter()
             .zip(&points)
             .filter_map(|(near, point)| near.last().map(|&last| (points[last] - point).norm()))
             .collect();
-        distances.sort_by(f64::total_cmp);
-        let cell = *distances.get(distances.len() / 2)?;
+        let cell = median(distances)?;
         let pairs = neighbours
             .iter()
             .enumerate()
@@ -194,13 +195,7 @@ pub(super) fn signed(normal: &Vector3<f64>, direction: &Vector3<f64>) -> Vector3
 
 /// The shares of the points that lie behind another one along `direction`, by as many cells as `HIDDEN_CELLS` has it.
 fn hidden_fractions(points: &[Point3<f64>], direction: &Vector3<f64>, cell: f64) -> [f64; 2] {
-    let helper = if direction.x.abs() < 0.7 {
-        Vector3::x()
-    } else {
-        Vector3::y()
-    };
-    let right = direction.cross(&helper).normalize();
-    let up = direction.cross(&right);
+    let [right, up] = tangents(direction);
     let project = |point: &Point3<f64>| (point.coords.dot(&right), point.coords.dot(&up));
     let (mut low, mut high) = ((f64::INFINITY, f64::INFINITY), (f64::NEG_INFINITY, f64::NEG_INFINITY));
     for (u, v) in points.iter().map(project) {

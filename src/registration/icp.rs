@@ -14,7 +14,9 @@ use super::prior::weighed;
 use super::reference::Reference;
 use super::twist::{motion_between, moved};
 use super::{Determination, WeakDirections};
+use crate::geometry::normals::agreement;
 use crate::geometry::sampling::random_indices;
+use crate::geometry::statistics::median;
 
 /// How the fine stage works.
 #[derive(Debug, Clone, PartialEq)]
@@ -158,7 +160,8 @@ impl Problem<'_> {
             let length = step.norm();
             drift += length;
             // Noisy or thin clouds stay apart by more than the reach of a dense one: never cut into their distances.
-            let narrowest = end_reach.max(REACH_MEDIANS * median_distance(&pairs));
+            let narrowest =
+                end_reach.max(REACH_MEDIANS * median(pairs.iter().map(|pair| pair.distance).collect()).unwrap_or(0.0));
             settled = reach <= narrowest * 1.001;
             if settled && length < STEP_SPACINGS * spacing {
                 break;
@@ -208,7 +211,7 @@ impl Problem<'_> {
 
     fn pairs(&self, sample: &Sample, pose: &Isometry3<f64>, reach: f64) -> Vec<Pair> {
         let normals = self.reference.normals();
-        let agreement = if reach > AGREEMENT_REACH_FACTOR * self.radius {
+        let least = if reach > AGREEMENT_REACH_FACTOR * self.radius {
             AGREEMENT_FAR
         } else {
             AGREEMENT_NEAR
@@ -227,9 +230,8 @@ impl Problem<'_> {
                     if found.distance > reach {
                         continue;
                     }
-                    let cosine = (pose * sample.normals[index]).dot(&normals[found.index]);
-                    let cosine = if self.oriented { cosine } else { cosine.abs() };
-                    if cosine >= agreement {
+                    let turned = pose * sample.normals[index];
+                    if agreement(&turned, &normals[found.index], self.oriented) >= least {
                         pairs.push(Pair {
                             template: index as u32,
                             reference: found.index as u32,
@@ -273,10 +275,8 @@ impl Problem<'_> {
             })
             .collect::<Vec<_>>()
             .concat();
-        let mut residuals: Vec<f64> = measured.iter().map(|m| m.size).collect();
-        let middle = residuals.len() / 2;
-        let (_, median, _) = residuals.select_nth_unstable_by(middle, f64::total_cmp);
-        let cut = (TUKEY * MEDIAN_TO_SIGMA * *median).max(1e-9 * self.radius);
+        let median = median(measured.iter().map(|m| m.size).collect())?;
+        let cut = (TUKEY * MEDIAN_TO_SIGMA * median).max(1e-9 * self.radius);
         let centre = pose * self.centroid;
         let sums: Vec<NormalMatrix> = measured
             .par_chunks(CHUNK_COUNT)
@@ -361,15 +361,6 @@ fn automatic_count(squared: &[f64]) -> usize {
         }
     }
     best
-}
-
-fn median_distance(pairs: &[Pair]) -> f64 {
-    let mut distances: Vec<f64> = pairs.iter().map(|pair| pair.distance).collect();
-    if distances.is_empty() {
-        return 0.0;
-    }
-    let middle = distances.len() / 2;
-    *distances.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
 /// The whole fine stage of one candidate: the last level, with weak directions held if so wished.

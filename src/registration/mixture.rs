@@ -14,6 +14,7 @@ use super::field::{Affinity, Gaussians, Lookers};
 use super::reference::rms_radius;
 use super::twist::moved;
 use crate::geometry::sampling::even_indices;
+use crate::geometry::statistics::mean;
 
 /// Two clouds, one of which says where the points of the other come from.
 pub(super) struct Mixture {
@@ -320,11 +321,6 @@ fn share_within_reach(step: &Unknowns, model: &Model) -> f64 {
         step[7].abs() / LOGIT_STEP_MAX,
     ];
     1.0 / lengths.into_iter().fold(1.0, f64::max)
-}
-
-fn mean(points: &[Point3<f64>]) -> Point3<f64> {
-    let sum: Vector3<f64> = points.iter().map(|point| point.coords).sum();
-    Point3::from(sum / points.len().max(1) as f64)
 }
 
 /// Over the radius: single precision tells no points apart that are nearer.

@@ -19,6 +19,7 @@ use super::field::{Field, Pull, Summation};
 use super::reference::rms_radius;
 use super::stride::{Reach, line_search, momentum, quasi_newton};
 use super::twist::moved;
+use crate::geometry::statistics::mean;
 
 /// How the template falls. Lengths are multiples of the reference's root-mean-square radius.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -338,11 +339,6 @@ struct Drive {
     direction: Vector3<f64>,
     pivot: Point3<f64>,
     energy: f64,
-}
-
-fn mean(points: &[Point3<f64>]) -> Point3<f64> {
-    let sum: Vector3<f64> = points.iter().map(|point| point.coords).sum();
-    Point3::from(sum / points.len().max(1) as f64)
 }
 
 #[cfg(test)]

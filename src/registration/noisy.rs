@@ -1,11 +1,12 @@
 //! The course of the fine stage where points are compared: from candidates to the one solution and its rivals.
 
-use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Translation3, UnitQuaternion};
 
 use super::icp::Sample;
 use super::nfi::minima;
 use super::pointwise::{Pointwise, Roles, Solution};
 use crate::geometry::sampling::even_indices;
+use crate::geometry::statistics::mean;
 
 /// Two clouds, or some of their points, to be compared point by point.
 pub(super) struct Noisy {
@@ -140,8 +141,7 @@ fn thinned(sample: &Sample) -> Sample {
 /// A pose after half a turn about each of the principal axes of the points: what a slender or flat part is most easily
 /// mistaken for.
 fn flips(points: &[Point3<f64>], pose: &Isometry3<f64>) -> Vec<Isometry3<f64>> {
-    let sum: Vector3<f64> = points.iter().map(|point| point.coords).sum();
-    let centroid = sum / points.len().max(1) as f64;
+    let centroid = mean(points).coords;
     let moments: Matrix3<f64> = points
         .iter()
         .map(|point| (point.coords - centroid) * (point.coords - centroid).transpose())
@@ -168,6 +168,7 @@ mod tests {
     use super::*;
     use crate::geometry::PointCloud;
     use crate::registration::testing::{blade, noisy};
+    use nalgebra::Vector3;
 
     fn sample(cloud: &PointCloud) -> Sample {
         Sample {

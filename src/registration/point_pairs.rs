@@ -10,6 +10,7 @@ use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
 use super::icp::Sample;
+use crate::geometry::statistics::mean;
 
 /// A pose that pairs have voted for.
 #[derive(Debug, Clone, Copy)]
@@ -202,11 +203,6 @@ fn frame(point: &Point3<f64>, normal: &Vector3<f64>) -> Isometry3<f64> {
     let rotation = UnitQuaternion::rotation_between(normal, &Vector3::x())
         .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Unit::new_unchecked(Vector3::z()), std::f64::consts::PI));
     Isometry3::from_parts(Translation3::identity(), rotation) * Translation3::from(-point.coords)
-}
-
-fn mean(points: &[Point3<f64>]) -> Point3<f64> {
-    let sum: Vector3<f64> = points.iter().map(|point| point.coords).sum();
-    Point3::from(sum / points.len().max(1) as f64)
 }
 
 /// How many template points let their pairs vote, and how many poses of each are kept.

@@ -10,6 +10,7 @@ use nalgebra::{Isometry3, Matrix6, Vector3};
 use super::icp::Sample;
 use super::mixture::{Likeliest, Mixture, Model};
 use super::uncertainty::{covariance_of, may_be_preferred};
+use crate::geometry::statistics::mean;
 
 /// Two samples and which of them looks at which.
 pub(super) struct Pointwise {
@@ -44,12 +45,11 @@ impl Pointwise {
             Roles::TemplateIsCentres => (template, reference),
             Roles::ReferenceIsCentres => (reference, template),
         };
-        let sum: Vector3<f64> = template.points.iter().map(|point| point.coords).sum();
         Some(Self {
             mixture: Mixture::new(&centres.points, &lookers.points)?,
             roles,
             normals: centres.normals.clone(),
-            centroid: (sum / template.points.len().max(1) as f64).into(),
+            centroid: mean(&template.points),
         })
     }
 

@@ -8,6 +8,7 @@ use crate::geometry::PointCloud;
 use crate::geometry::nearest::{NearestPoints, Neighbour};
 use crate::geometry::normals::{Roughness, estimated_normals, normals_within, roughness};
 use crate::geometry::sampling::even_indices;
+use crate::geometry::statistics::median;
 
 /// A fixed cloud with normals, a search tree and its scale, ready to be registered to (the paper's Y).
 pub struct Reference {
@@ -211,7 +212,7 @@ pub(super) fn roughness_of(points: &[Point3<f64>], tree: &NearestPoints) -> Roug
 
 /// The median distance to the nearest other place, over at most a thousand points spread over the list.
 pub(super) fn median_spacing(points: &[Point3<f64>], tree: &NearestPoints, radius: f64) -> f64 {
-    let mut distances: Vec<f64> = even_indices(points.len(), SPACING_SAMPLE_COUNT)
+    let distances: Vec<f64> = even_indices(points.len(), SPACING_SAMPLE_COUNT)
         .par_iter()
         .filter_map(|&index| {
             tree.nearest_many(&points[index], 4)
@@ -220,11 +221,7 @@ pub(super) fn median_spacing(points: &[Point3<f64>], tree: &NearestPoints, radiu
                 .find(|&distance| distance > 0.0)
         })
         .collect();
-    distances.sort_by(f64::total_cmp);
-    distances
-        .get(distances.len() / 2)
-        .copied()
-        .unwrap_or(radius / (points.len() as f64).sqrt())
+    median(distances).unwrap_or(radius / (points.len() as f64).sqrt())
 }
 
 /// Beyond these the sixth power of a length leaves the range of double precision.

@@ -7,6 +7,7 @@
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::facing::Camera;
+use crate::geometry::normals::tangents;
 use crate::geometry::sampling::even_indices;
 
 /// A depth image of a single view.
@@ -48,13 +49,7 @@ impl Sight {
 
     fn along(points: &[Point3<f64>], camera: &Camera, cell: f64) -> Self {
         let towards = &camera.towards;
-        let helper = if towards.x.abs() < 0.7 {
-            Vector3::x()
-        } else {
-            Vector3::y()
-        };
-        let right = towards.cross(&helper).normalize();
-        let up = towards.cross(&right);
+        let [right, up] = tangents(towards);
         let flat = |point: &Point3<f64>| [point.coords.dot(&right), point.coords.dot(&up)];
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         for place in points.iter().map(flat) {

@@ -16,8 +16,9 @@ use super::normal_matrix::NormalMatrix;
 use super::twist::{motion_between, moved};
 use crate::geometry::PointCloud;
 use crate::geometry::nearest::NearestPoints;
-use crate::geometry::normals::neighbourhood_radius;
+use crate::geometry::normals::{agreement, neighbourhood_radius};
 use crate::geometry::patches::{Patch, patches};
+use crate::geometry::statistics::median;
 
 /// The pose after trimmed ICP has come to `fine`, made more accurate; without motion along the `held` directions.
 ///
@@ -148,8 +149,7 @@ impl Pairing<'_> {
 
     fn agreed(&self, pair: Pair) -> Option<Pair> {
         let (first, second) = (&self.moving.patches[pair.template], &self.fixed.patches[pair.reference]);
-        let cosine = (self.pose * first.normal).dot(&second.normal);
-        let cosine = if self.problem.oriented { cosine } else { cosine.abs() };
+        let cosine = agreement(&(self.pose * first.normal), &second.normal, self.problem.oriented);
         (cosine >= AGREEMENT).then_some(pair)
     }
 }
@@ -210,10 +210,8 @@ fn equations(
         .with_min_len(512)
         .filter_map(|&pair| measured(moving, fixed, pair, pose))
         .collect();
-    let mut sizes: Vec<f64> = found.iter().map(|m| m.residual.abs()).collect();
-    let middle = sizes.len() / 2;
-    let (_, median, _) = (middle < sizes.len()).then(|| sizes.select_nth_unstable_by(middle, f64::total_cmp))?;
-    let cut = (TUKEY * MEDIAN_TO_SIGMA * *median).max(ROUNDING * problem.radius);
+    let median = median(found.iter().map(|m| m.residual.abs()).collect())?;
+    let cut = (TUKEY * MEDIAN_TO_SIGMA * median).max(ROUNDING * problem.radius);
     let centre = pose * problem.centroid;
     let parts: Vec<NormalMatrix> = found
         .par_chunks(CHUNK_COUNT)

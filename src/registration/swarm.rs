@@ -15,6 +15,7 @@ use super::icp::Sample;
 use super::reference::Reference;
 use super::twist::moved;
 use crate::geometry::nearest::NearestPoints;
+use crate::geometry::normals::agreement;
 use crate::geometry::sampling::even_indices;
 
 /// The thinned reference and its grid.
@@ -99,7 +100,7 @@ impl Swarm {
                     continue;
                 }
                 let turned = pose * normal;
-                let cosine = self.agreement(&turned, surface);
+                let cosine = agreement(&turned, surface, self.oriented);
                 if cosine > AGREEMENT_FALLING {
                     let weight = cosine * (scale / (scale + squared)).powi(2);
                     sums.add(weight, &((placed - centre) / radius), surface, &offset);
@@ -155,17 +156,12 @@ impl Swarm {
             let placed = pose * point;
             let (anchor, surface) = self.anchor(&placed);
             let offset = placed - anchor;
-            if offset.norm() < 3.0 * near && self.agreement(&(pose * normal), surface) > AGREEMENT_COVERED {
+            if offset.norm() < 3.0 * near && agreement(&(pose * normal), surface, self.oriented) > AGREEMENT_COVERED {
                 let residual = surface.dot(&offset) / near;
                 sum += 1.0 / (1.0 + 9.0 * residual * residual);
             }
         }
         sum / faller.sample.points.len().max(1) as f64
-    }
-
-    fn agreement(&self, normal: &Vector3<f64>, surface: &Vector3<f64>) -> f64 {
-        let cosine = normal.dot(surface);
-        if self.oriented { cosine } else { cosine.abs() }
     }
 }
 
