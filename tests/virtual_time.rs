@@ -184,7 +184,7 @@ impl Pair {
             match output {
                 Output::Robot(datagram) => {
                     self.servo_off_count +=
-                        usize::from(datagram.bytes == SERVO_OFF.request(datagram.bytes[11]).encode());
+                        usize::from(datagram.bytes == robot::hses::request(&SERVO_OFF, datagram.bytes[11]).encode());
                     if !self.is_lost() {
                         self.send(LATENCY_NS, Delivery::ToRobot(datagram.bytes));
                     }

@@ -5,7 +5,8 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use bladescan::job::hex;
-use bladescan::robot::{Answer, Command, Move, Reply, Speed, WirePose};
+use bladescan::robot::hses::{self, Answer};
+use bladescan::robot::{Command, Move, Path, Reply, Speed, WirePose};
 use clap::Args;
 use hw_sim::robot::controller::{Controller, RobotOutput, Settings};
 use hw_sim::robot::pose::Pose;
@@ -32,7 +33,7 @@ pub(crate) fn run(arguments: &GoldenArguments) -> Result<(), Box<dyn Error>> {
         let bytes = bytes(vector["hex"].as_str().ok_or("a vector without hex")?)?;
         let verdicts = match (command(name), name.starts_with("ans_")) {
             (Some((command, id)), _) => vec![
-                ("client sends it", command.request(id).encode() == bytes),
+                ("client sends it", hses::request(&command, id).encode() == bytes),
                 ("simulator answers it", is_answered(&command, &bytes)),
             ],
             (None, true) => match understood(name, &bytes) {
@@ -61,12 +62,13 @@ pub(crate) fn run(arguments: &GoldenArguments) -> Result<(), Box<dyn Error>> {
 fn command(name: &str) -> Option<(Command, u8)> {
     let target = Move {
         base_from_tool: POSE,
+        path: Path::Straight,
         speed: Speed::ToolPoint(500),
         tool: 1,
     };
     Some(match name {
         "req_status_0x72_all" => (Command::Status, 0),
-        "req_alarm_0x70_1_all" => (Command::Alarm, 0),
+        "req_alarm_0x70_1_all" => (Command::Alarm(0), 0),
         "req_position_base_R1" => (Command::Position, 1),
         "req_hold_on" => (Command::HoldOn, 1),
         "req_hold_off" => (Command::HoldOff, 1),
@@ -98,18 +100,18 @@ fn is_answered(command: &Command, request: &[u8]) -> bool {
         }
     };
     if matches!(command, Command::Move(_)) {
-        ask(&Command::ServoOn.request(9).encode());
+        ask(&hses::request(&Command::ServoOn, 9).encode());
     }
     let Some(answer) = ask(request).and_then(|bytes| Answer::decode(&bytes).ok()) else {
         return false;
     };
-    answer.id == request[11] && answer.status == 0 && command.reply(&answer).is_ok()
+    answer.id == request[11] && answer.status == 0 && hses::reply(command, &answer).is_ok()
 }
 
 /// Whether the client reads a golden answer as what it is; `None` for answers to commands that are not built.
 fn understood(name: &str, bytes: &[u8]) -> Option<bool> {
     let answer = Answer::decode(bytes).ok();
-    let reply = |command: Command| answer.as_ref().and_then(|answer| command.reply(answer).ok());
+    let reply = |command: Command| answer.as_ref().and_then(|answer| hses::reply(&command, answer).ok());
     let refused = |status, added| {
         answer
             .as_ref()
@@ -131,8 +133,8 @@ fn understood(name: &str, bytes: &[u8]) -> Option<bool> {
         "ans_position_base_R1" => {
             matches!(reply(Command::Position), Some(Reply::Position(position)) if position.base_from_tool == POSE && position.tool == 1)
         }
-        "ans_alarm_none" => reply(Command::Alarm) == Some(Reply::Alarm(None)),
-        "ans_alarm_4315" => matches!(reply(Command::Alarm), Some(Reply::Alarm(Some(alarm))) if alarm.code == 4315),
+        "ans_alarm_none" => reply(Command::Alarm(0)) == Some(Reply::Alarm(None)),
+        "ans_alarm_4315" => matches!(reply(Command::Alarm(0)), Some(Reply::Alarm(Some(alarm))) if alarm.code == 4315),
         _ => return None,
     })
 }

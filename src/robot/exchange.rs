@@ -4,8 +4,9 @@
 //! repeated on time-out, a set until it is confirmed, an act is never repeated here: an unanswered act becomes
 //! [`RobotEvent::Unanswered`] and the session asks what happened before it decides.
 
-use super::command::{Command, Kind, Refusal, Reply};
-use super::wire::Answer;
+use super::command::{Command, Kind};
+use super::hses::{self, Answer};
+use super::reply::{Refusal, Reply};
 use crate::stamp::{Stamp, earlier};
 use std::collections::VecDeque;
 
@@ -104,11 +105,11 @@ impl Exchange {
                 let open = self.send(now, command, None);
                 self.safe = Some(open);
             }
-            Kind::Ask | Kind::Act if self.open.is_none() => {
+            Kind::Ask | Kind::Order | Kind::Act if self.open.is_none() => {
                 let open = self.send(now, command, None);
                 self.open = Some(open);
             }
-            Kind::Ask | Kind::Act => {
+            Kind::Ask | Kind::Order | Kind::Act => {
                 debug_assert!(self.waiting.len() < WAITING_MAX, "the session says one thing at a time");
                 self.waiting.push_back(command);
             }
@@ -129,7 +130,7 @@ impl Exchange {
         };
         let fits = |open: &Option<Open>| {
             open.as_ref().is_some_and(|open| {
-                open.id == answer.id && open.command.request(open.id).service as u8 == answer.service
+                open.id == answer.id && hses::request(&open.command, open.id).service as u8 == answer.service
             })
         };
         let slot = if fits(&self.safe) {
@@ -144,7 +145,7 @@ impl Exchange {
             );
         };
         let open = slot.take().expect("the slot fitted, so it is taken");
-        let command = open.command;
+        let command = open.command.clone();
         let event = if answer.status != 0 {
             RobotEvent::Refused {
                 command,
@@ -154,7 +155,7 @@ impl Exchange {
                 },
             }
         } else {
-            match command.reply(&answer) {
+            match hses::reply(&command, &answer) {
                 Ok(reply) => RobotEvent::Answered { command, reply },
                 Err(error) => {
                     // As good as no answer: ask again at the next wake, within the same bounds.
@@ -173,13 +174,13 @@ impl Exchange {
             if now.ms_since(safe.first_sent) >= self.settings.set_timeout_ms {
                 self.events.push_back(RobotEvent::Unanswered { command: safe.command });
             } else {
-                let again = self.send(now, safe.command, Some(safe));
+                let again = self.send(now, safe.command.clone(), Some(safe));
                 self.safe = Some(again);
             }
         }
         if let Some(open) = self.open.take_if(|open| open.due <= now) {
-            if open.command.kind() == Kind::Ask && open.sent_count < self.settings.ask_attempts {
-                let again = self.send(now, open.command, Some(open));
+            if open.command.kind().bears_repetition() && open.sent_count < self.settings.ask_attempts {
+                let again = self.send(now, open.command.clone(), Some(open));
                 self.open = Some(again);
             } else {
                 self.events.push_back(RobotEvent::Unanswered { command: open.command });
@@ -223,12 +224,12 @@ impl Exchange {
         self.next_id = self.next_id.checked_add(1).unwrap_or(1);
         let kind = command.kind();
         self.outbox.push_back(Datagram {
-            bytes: command.request(id).encode(),
+            bytes: hses::request(&command, id).encode(),
             kind,
         });
         let patience_ms = match kind {
             Kind::Set => self.settings.set_repeat_ms,
-            Kind::Ask | Kind::Act => self.settings.answer_timeout_ms,
+            Kind::Ask | Kind::Order | Kind::Act => self.settings.answer_timeout_ms,
         };
         Open {
             command,

@@ -1,14 +1,19 @@
-//! The DX200 controller over HSES: meaning to bytes and back, without I/O.
+//! The DX200 controller: meaning to bytes and back, without I/O.
 //!
-//! [`Command`] says what we want, [`Exchange`] turns it into datagrams and answers into [`RobotEvent`]s. The bytes are
-//! fixed by `docs/protocols/hses.md`.
+//! [`Command`] says what we want and [`Reply`] what came of it, whatever the link. [`hses`] turns them into datagrams; its
+//! bytes are fixed by `docs/protocols/hses.md`. [`Exchange`] is the conversation: what is open, what is said again, what
+//! has remained without an answer.
 
 mod command;
 mod exchange;
+pub mod hses;
 mod pose;
-mod wire;
+mod refusal;
+mod reply;
+mod variable;
 
-pub use command::{Alarm, Command, Kind, Move, Position, Refusal, Reply, ReplyError, Speed, Status, SystemInformation};
+pub use command::{AlarmClass, Command, Cycle, Kind, Move, MovePulses, Path, Speed};
 pub use exchange::{Datagram, Exchange, ExchangeSettings, RobotEvent};
 pub use pose::WirePose;
-pub use wire::{Answer, DATA_BYTES_MAX, HEADER_BYTES, Request, Service, WireError};
+pub use reply::{Alarm, ExecutingJob, Position, Refusal, Reply, ReplyError, Status, SystemInformation};
+pub use variable::{Form, Frame, JobName, JobNameError, PositionVariable, Values, Variable, VariableKind};

@@ -1,6 +1,6 @@
 //! The last word to the robot if the loop itself panics.
 
-use crate::robot::Command;
+use crate::robot::{Command, hses};
 use std::net::UdpSocket;
 
 /// Sends hold when it is dropped by a panic: a bug of ours must not leave the arm moving on.
@@ -21,7 +21,7 @@ impl Drop for HoldOnPanic {
         if std::thread::panicking() {
             for id in HOLD_IDS {
                 // Nobody is left to hear of an error.
-                self.robot.send(&Command::HoldOn.request(id).encode()).ok();
+                self.robot.send(&hses::request(&Command::HoldOn, id).encode()).ok();
             }
         }
     }

@@ -8,7 +8,6 @@ use crate::camera::CameraOutput;
 use crate::controller::{Command, Controller, Input, Output};
 use crate::event::Ending;
 use crate::journal::{Record, input_record, output_records};
-use crate::robot::Kind;
 use crate::stamp::Stamp;
 use std::fs::OpenOptions;
 use std::io::{self, Write as _};
@@ -182,7 +181,7 @@ impl Shell<'_> {
     async fn carry_out(&mut self, now: Stamp, output: Output) {
         match output {
             Output::Robot(datagram) => {
-                if datagram.kind == Kind::Act && !self.flushed(now) {
+                if datagram.kind.waits_for_journal() && !self.flushed(now) {
                     return;
                 }
                 // A refusal of the network comes back from recv as well; a full buffer is as good as a lost datagram.

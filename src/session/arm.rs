@@ -5,7 +5,7 @@
 
 use crate::fault::{Fault, FaultCode};
 use crate::robot::{
-    Command, Datagram, Exchange, ExchangeSettings, Kind, Move, Position, Reply, RobotEvent, Speed, Status,
+    Command, Datagram, Exchange, ExchangeSettings, Kind, Move, Path, Position, Reply, RobotEvent, Speed, Status,
     SystemInformation, WirePose,
 };
 use crate::stamp::{Stamp, earlier};
@@ -152,6 +152,7 @@ impl Arm {
         let from = self.last_pose.unwrap_or(*base_from_tool);
         let said = Move {
             base_from_tool: WirePose::from_isometry(base_from_tool),
+            path: Path::Straight,
             speed: self.speed(&from, base_from_tool),
             tool: self.settings.tool,
         };
@@ -307,7 +308,8 @@ impl Arm {
                 self.ask_status(now);
             }
             (Command::HoldOff, Reply::Done) => self.ask_status(now),
-            (_, Reply::Done) => {}
+            // Asked for by nobody here.
+            (_, Reply::Done | Reply::Pulses(_) | Reply::ExecutingJob(_) | Reply::Values(_) | Reply::Signals(_)) => {}
         }
     }
 
@@ -470,7 +472,7 @@ impl Arm {
             }
             (Command::Move(_) | Command::ServoOn, _) if added_status == ALARM_PRESENT => self.read_alarm(now),
             (Command::ServoOn, _) => self.fault(FaultCode::RobotServo, words),
-            (Command::Alarm, _) => self.fault(FaultCode::RobotAlarm, format!("the alarm cannot be read: {words}")),
+            (Command::Alarm(_), _) => self.fault(FaultCode::RobotAlarm, format!("the alarm cannot be read: {words}")),
             (command, _) => self.fault(FaultCode::RobotRefused, format!("{}: {words}", command.name())),
         }
     }
@@ -488,7 +490,7 @@ impl Arm {
                 self.ask_status(now);
             }
             (Kind::Act, _, State::Readying(_)) => self.ask_status(now),
-            (_, Command::Alarm, _) => self.fault(
+            (_, Command::Alarm(_), _) => self.fault(
                 FaultCode::RobotAlarm,
                 "an alarm is active; its number could not be read",
             ),
@@ -506,7 +508,7 @@ impl Arm {
     fn read_alarm(&mut self, now: Stamp) {
         self.state = State::ReadingAlarm;
         self.timer = None;
-        self.exchange.say(now, Command::Alarm);
+        self.exchange.say(now, Command::Alarm(0));
     }
 
     fn ask_status(&mut self, now: Stamp) {

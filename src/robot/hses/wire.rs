@@ -20,8 +20,14 @@ pub enum Service {
     GetAll = 0x01,
     /// Set all attributes.
     SetAll = 0x02,
+    /// Get one attribute.
+    GetOne = 0x0E,
     /// Set one attribute.
     SetOne = 0x10,
+    /// Read several in a row.
+    ReadMany = 0x33,
+    /// Write several in a row.
+    WriteMany = 0x34,
 }
 
 /// One request to the robot control port.
