@@ -36,6 +36,8 @@ pub enum FaultCode {
     RobotLate,
     /// A hold was not confirmed.
     RobotNotHeld,
+    /// The scan job on the controller is missing, of another version, or has stopped.
+    RobotJob,
     /// A simulated robot where a real one belongs, or the other way round.
     RobotIdentity,
     /// Nothing listens at the camera's address.
@@ -64,7 +66,7 @@ pub enum FaultCode {
 
 impl FaultCode {
     /// Every code, for the documentation's test.
-    pub const ALL: [Self; 22] = [
+    pub const ALL: [Self; 23] = [
         Self::RobotUnreachable,
         Self::RobotSilent,
         Self::RobotGarbled,
@@ -75,6 +77,7 @@ impl FaultCode {
         Self::RobotElsewhere,
         Self::RobotLate,
         Self::RobotNotHeld,
+        Self::RobotJob,
         Self::RobotIdentity,
         Self::CameraUnreachable,
         Self::CameraLost,
@@ -102,6 +105,7 @@ impl FaultCode {
             Self::RobotElsewhere => "robot-elsewhere",
             Self::RobotLate => "robot-late",
             Self::RobotNotHeld => "robot-not-held",
+            Self::RobotJob => "robot-job",
             Self::RobotIdentity => "robot-identity",
             Self::CameraUnreachable => "camera-unreachable",
             Self::CameraLost => "camera-lost",

@@ -7,7 +7,7 @@ use rand::RngExt;
 
 use crate::geometry::rotation_angle_between;
 use crate::seed::{Seed, Stream};
-use crate::settings::{Recipe, RobotLink, Station, Workspace};
+use crate::settings::{Motion, Recipe, RobotLink, Station, Workspace};
 
 /// The views of a run in the order in which they are taken; at least one.
 #[derive(Debug, Clone, PartialEq)]
@@ -67,6 +67,17 @@ pub enum PlanError {
         /// The greatest allowed, in mm.
         max_mm: f64,
     },
+    /// The scan job has fewer position variables than the plan has views.
+    #[error(
+        "{view_count} views need as many position variables of the robot, the station's scan job has {position_count} \
+         (`robot.job.position_first` to `position_last`)"
+    )]
+    TooManyViews {
+        /// Views of the plan.
+        view_count: usize,
+        /// Position variables of the station.
+        position_count: usize,
+    },
 }
 
 impl Plan {
@@ -77,7 +88,7 @@ impl Plan {
     ///
     /// # Errors
     ///
-    /// The first pose whose tool position lies outside the workspace. Reach, joint limits and collisions are not checked.
+    /// The first pose whose tool position lies outside the workspace, or more views than the scan job has positions. Reach, joint limits and collisions are not checked.
     pub fn new(recipe: &Recipe, station: &Station, seed: Seed) -> Result<Self, PlanError> {
         let mut generator = seed.stream(Stream::Tilt);
         let mut tilt_rad = || recipe.views.tilt_max_rad * (2.0 * generator.random::<f64>() - 1.0);
@@ -86,6 +97,14 @@ impl Plan {
             .collect();
         for view in &views {
             check_workspace(view, &station.robot.workspace)?;
+        }
+        if let Motion::Job(job) = &station.robot.motion
+            && job.position_count() < views.len()
+        {
+            return Err(PlanError::TooManyViews {
+                view_count: views.len(),
+                position_count: job.position_count(),
+            });
         }
         let moves = views
             .windows(2)

@@ -28,6 +28,7 @@ const FLOORS: &[(&str, u8)] = &[
 const PEERS: &[(&str, &[&str])] = &[
     ("event", &["fault"]),
     ("reconstruction", &["registration"]),
+    ("settings", &["robot"]),
     ("session", &["plan"]),
     ("controller", &["session", "plan", "job"]),
     ("journal", &["controller", "job"]),

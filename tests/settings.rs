@@ -7,7 +7,8 @@ use bladescan::plan::Plan;
 use bladescan::reconstruction::OverlapMin;
 use bladescan::seed::Seed;
 use bladescan::settings::{
-    Cad, HostPort, Key, Need, Optics, RECIPE_KEYS, Recipe, Roi, STATION_KEYS, SettingsError, Start, Station, Target,
+    Cad, HostPort, Key, Need, Optics, RECIPE_KEYS, Recipe, RobotAddress, Roi, STATION_KEYS, SettingsError, Start,
+    Station, Target,
 };
 use miette::{GraphicalReportHandler, GraphicalTheme};
 use nalgebra::{Point3, Vector3};
@@ -180,7 +181,7 @@ fn a_station_is_read_into_millimetres_radians_and_nanoseconds() {
         port,
     };
     let cell = Target::Cell {
-        robot: address("192.168.1.31", 10040),
+        robot: RobotAddress::Network(address("192.168.1.31", 10040)),
         camera: address("127.0.0.1", 50555),
     };
     assert_eq!(station.target, cell);

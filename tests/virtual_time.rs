@@ -6,7 +6,7 @@ use bladescan::event::{Ending, Event, HoldBy};
 use bladescan::job::{FinishedJob, JobOutput, sha256};
 use bladescan::journal::{Recording, Writer, input_record, output_records};
 use bladescan::plan::Plan;
-use bladescan::robot;
+use bladescan::robot::{self, RobotOutput};
 use bladescan::run::{Pool, replay};
 use bladescan::seed::Seed;
 use bladescan::settings::{Recipe, Station};
@@ -182,11 +182,10 @@ impl Pair {
                 self.journal.write(&record).unwrap();
             }
             match output {
-                Output::Robot(datagram) => {
-                    self.servo_off_count +=
-                        usize::from(datagram.bytes == robot::hses::request(&SERVO_OFF, datagram.bytes[11]).encode());
+                Output::Robot(RobotOutput::Bytes { bytes, .. }) => {
+                    self.servo_off_count += usize::from(bytes == robot::hses::request(&SERVO_OFF, bytes[11]).encode());
                     if !self.is_lost() {
-                        self.send(LATENCY_NS, Delivery::ToRobot(datagram.bytes));
+                        self.send(LATENCY_NS, Delivery::ToRobot(bytes));
                     }
                 }
                 Output::Camera(CameraOutput::Connect) => self.send(LATENCY_NS, Delivery::CameraConnect),
@@ -209,7 +208,10 @@ impl Pair {
                 Output::File { name, bytes } => {
                     self.files.insert(name, bytes);
                 }
-                Output::ViewCloud { .. } | Output::ViewPose { .. } | Output::Model(_) => {}
+                Output::Robot(RobotOutput::Connect | RobotOutput::Close)
+                | Output::ViewCloud { .. }
+                | Output::ViewPose { .. }
+                | Output::Model(_) => {}
             }
         }
         for command in commands {
@@ -225,7 +227,7 @@ impl Pair {
                     let accepted_move = bytes[24] == 0x82 && bytes[25] == 0;
                     self.accepted_move_count += usize::from(accepted_move);
                     if !self.is_lost() {
-                        self.send(LATENCY_NS, Delivery::ToController(Input::RobotDatagram(bytes)));
+                        self.send(LATENCY_NS, Delivery::ToController(Input::RobotBytes(bytes)));
                     }
                 }
                 cell::Output::CameraBytes { bytes, .. } => {

@@ -5,9 +5,9 @@ use super::{Exit, Failure, operator, print};
 use crate::controller::{Controller, Header};
 use crate::event::Ending;
 use crate::plan::Plan;
-use crate::run::{Console, JournalFile, Links, Live, Outcome, Pool, pack_file, run};
+use crate::run::{Console, JournalFile, Links, Live, Outcome, Pool, RobotPlace, pack_file, run};
 use crate::seed::Seed;
-use crate::settings::{HostPort, Recipe, Station, Target};
+use crate::settings::{HostPort, Recipe, RobotAddress, RobotProtocol, Station, Target};
 use std::net::{SocketAddr, ToSocketAddrs as _};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -56,7 +56,7 @@ pub(super) fn main(args: &Args) -> Result<Exit, Failure> {
             )));
         }
         Target::SimulatedAt { robot, camera } | Target::Cell { robot, camera } => Links {
-            robot: resolve(robot)?,
+            robot: robot_place(robot, station.meaning.robot.protocol)?,
             camera: resolve(camera)?,
         },
     };
@@ -155,6 +155,18 @@ fn exit(outcome: &Outcome) -> Exit {
         Ending::Aborted => Exit::Aborted,
         Ending::Faulted { .. } => Exit::Fault,
     }
+}
+
+fn robot_place(address: &RobotAddress, protocol: RobotProtocol) -> Result<RobotPlace, Failure> {
+    Ok(match (address, protocol) {
+        (RobotAddress::Network(address), RobotProtocol::HostControl) => RobotPlace::HostControl(resolve(address)?),
+        (RobotAddress::Network(address), _) => RobotPlace::Hses(resolve(address)?),
+        (RobotAddress::SerialDevice(device), RobotProtocol::Serial { baud }) => RobotPlace::Serial {
+            device: device.clone(),
+            baud,
+        },
+        (RobotAddress::SerialDevice(_), _) => unreachable!("only a serial link has a serial device"),
+    })
 }
 
 fn resolve(address: &HostPort) -> Result<SocketAddr, Failure> {

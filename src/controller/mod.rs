@@ -16,7 +16,7 @@ use crate::geometry::PointCloud;
 use crate::job::{FinishedJob, Job};
 use crate::plan::Plan;
 use crate::reconstruction::Model;
-use crate::robot::Datagram;
+use crate::robot::RobotOutput;
 use crate::session::{Session, SessionEvent};
 use crate::settings::{Recipe, Station};
 use crate::stamp::Stamp;
@@ -47,8 +47,15 @@ pub enum Input {
     Begin,
     /// The time of [`Controller::wake_at`] has come.
     Wake,
-    /// A datagram from the robot.
-    RobotDatagram(Vec<u8>),
+    /// The robot's connection stands.
+    RobotConnected,
+    /// A datagram from the robot, or a piece of its stream.
+    RobotBytes(Vec<u8>),
+    /// The robot's connection did not come about or has ended.
+    RobotClosed {
+        /// The system's words.
+        reason: String,
+    },
     /// The network says that nothing listens at the robot's address.
     RobotUnreachable {
         /// The system's words.
@@ -82,8 +89,8 @@ pub enum Input {
 /// Everything that a run wants done.
 #[derive(Debug, Clone)]
 pub enum Output {
-    /// Send a datagram to the robot.
-    Robot(Datagram),
+    /// Do something with the wire to the robot.
+    Robot(RobotOutput),
     /// Do something with the camera's connection.
     Camera(CameraOutput),
     /// Run a job and hand its result back.
@@ -154,7 +161,9 @@ impl Controller {
         match input {
             Input::Begin => self.begin(now),
             Input::Wake => self.session.handle_wake(now),
-            Input::RobotDatagram(bytes) => self.session.handle_datagram(now, &bytes),
+            Input::RobotConnected => self.session.handle_robot_connected(now),
+            Input::RobotBytes(bytes) => self.session.handle_robot_bytes(now, &bytes),
+            Input::RobotClosed { reason } => self.session.handle_robot_closed(now, &reason),
             Input::RobotUnreachable { reason } => self.session.handle_robot_unreachable(now, &reason),
             Input::CameraConnected => self.session.handle_camera_connected(now),
             Input::CameraBytes(bytes) => self.session.handle_camera_bytes(now, &bytes),
@@ -248,8 +257,8 @@ impl Controller {
     fn take_session_outputs(&mut self, now: Stamp) -> bool {
         let before = self.outputs.len();
         let mut captured = false;
-        while let Some(datagram) = self.session.poll_datagram() {
-            self.outputs.push_back(Output::Robot(datagram));
+        while let Some(output) = self.session.poll_robot() {
+            self.outputs.push_back(Output::Robot(output));
         }
         while let Some(output) = self.session.poll_camera() {
             self.outputs.push_back(Output::Camera(output));

@@ -4,6 +4,7 @@ use super::{Record, Topic, viewer};
 use crate::camera::CameraOutput;
 use crate::controller::{Command, Input, Output};
 use crate::job::{StageTime, sha256};
+use crate::robot::RobotOutput;
 use crate::stamp::Stamp;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -31,6 +32,10 @@ enum Written {
     RobotUnreachable {
         reason: String,
     },
+    RobotConnected,
+    RobotClosed {
+        reason: String,
+    },
     CameraConnected,
     CameraClosed {
         reason: String,
@@ -51,7 +56,7 @@ enum Written {
 /// The record of an input.
 pub fn input_record(stamp: Stamp, input: &Input) -> Record {
     let (topic, payload) = match input {
-        Input::RobotDatagram(bytes) => (Topic::RobotReceived, bytes.clone()),
+        Input::RobotBytes(bytes) => (Topic::RobotReceived, bytes.clone()),
         Input::CameraBytes(bytes) => (Topic::CameraReceived, bytes.clone()),
         other => (Topic::Input, json_bytes(&written(other))),
     };
@@ -63,6 +68,8 @@ fn written(input: &Input) -> Written {
         Input::Begin => Written::Begin,
         Input::Wake => Written::Wake,
         Input::RobotUnreachable { reason } => Written::RobotUnreachable { reason: reason.clone() },
+        Input::RobotConnected => Written::RobotConnected,
+        Input::RobotClosed { reason } => Written::RobotClosed { reason: reason.clone() },
         Input::CameraConnected => Written::CameraConnected,
         Input::CameraClosed { reason } => Written::CameraClosed { reason: reason.clone() },
         Input::Operator(command) => Written::Operator { command: *command },
@@ -72,7 +79,7 @@ fn written(input: &Input) -> Written {
             times: done.times.clone(),
         },
         Input::JournalFailed { reason } => Written::JournalFailed { reason: reason.clone() },
-        Input::RobotDatagram(_) | Input::CameraBytes(_) => unreachable!("bytes have topics of their own"),
+        Input::RobotBytes(_) | Input::CameraBytes(_) => unreachable!("bytes have topics of their own"),
     }
 }
 
@@ -80,12 +87,14 @@ fn written(input: &Input) -> Written {
 pub fn read_input(record: &Record) -> Option<InputMemo> {
     let bytes = record.payload.clone();
     let input = match record.topic {
-        Topic::RobotReceived => Input::RobotDatagram(bytes),
+        Topic::RobotReceived => Input::RobotBytes(bytes),
         Topic::CameraReceived => Input::CameraBytes(bytes),
         Topic::Input => match serde_json::from_slice(&bytes).ok()? {
             Written::Begin => Input::Begin,
             Written::Wake => Input::Wake,
             Written::RobotUnreachable { reason } => Input::RobotUnreachable { reason },
+            Written::RobotConnected => Input::RobotConnected,
+            Written::RobotClosed { reason } => Input::RobotClosed { reason },
             Written::CameraConnected => Input::CameraConnected,
             Written::CameraClosed { reason } => Input::CameraClosed { reason },
             Written::Operator { command } => Input::Operator(command),
@@ -103,7 +112,9 @@ pub fn output_records(stamp: Stamp, output: &Output, start_unix_ns: u64) -> Vec<
     let output_record = |value: Value| record(Topic::Output, json_bytes(&value));
     let unix_ns = start_unix_ns + stamp.ns;
     match output {
-        Output::Robot(datagram) => vec![record(Topic::RobotSent, datagram.bytes.clone())],
+        Output::Robot(RobotOutput::Bytes { bytes, .. }) => vec![record(Topic::RobotSent, bytes.clone())],
+        Output::Robot(RobotOutput::Connect) => vec![output_record(json!({ "output": "robot-connect" }))],
+        Output::Robot(RobotOutput::Close) => vec![output_record(json!({ "output": "robot-close" }))],
         Output::Camera(CameraOutput::Bytes { bytes, .. }) => vec![record(Topic::CameraSent, bytes.clone())],
         Output::Camera(CameraOutput::Connect) => vec![output_record(json!({ "output": "camera-connect" }))],
         Output::Camera(CameraOutput::Close) => vec![output_record(json!({ "output": "camera-close" }))],
@@ -158,7 +169,9 @@ mod tests {
         let inputs = [
             Input::Begin,
             Input::Wake,
-            Input::RobotDatagram(vec![1, 2, 3]),
+            Input::RobotBytes(vec![1, 2, 3]),
+            Input::RobotConnected,
+            Input::RobotClosed { reason: "reset".into() },
             Input::RobotUnreachable {
                 reason: "refused".into(),
             },

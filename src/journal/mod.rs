@@ -28,9 +28,9 @@ pub struct Record {
 /// The topics of a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Topic {
-    /// Datagrams from the robot, as they came.
+    /// Bytes from the robot, as they came.
     RobotReceived,
-    /// Datagrams to the robot.
+    /// Bytes to the robot.
     RobotSent,
     /// Bytes from the camera, as they came.
     CameraReceived,

@@ -7,6 +7,7 @@
 use super::command::{Command, Kind};
 use super::hses::{self, Answer};
 use super::reply::{Refusal, Reply};
+use super::variable::VariableKind;
 use crate::stamp::{Stamp, earlier};
 use std::collections::VecDeque;
 
@@ -23,13 +24,20 @@ pub struct ExchangeSettings {
     pub set_timeout_ms: u64,
 }
 
-/// A datagram to send, with what the shell must know about it.
+/// What is to be done with the wire to the robot.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Datagram {
-    /// The bytes.
-    pub bytes: Vec<u8>,
-    /// An act leaves only when the record of what caused it is flushed.
-    pub kind: Kind,
+pub enum RobotOutput {
+    /// Open the connection (host control over TCP).
+    Connect,
+    /// Send these bytes: one datagram of HSES, or a piece of a stream.
+    Bytes {
+        /// The bytes.
+        bytes: Vec<u8>,
+        /// What they belong to: [`Kind::waits_for_journal`].
+        kind: Kind,
+    },
+    /// Close the connection.
+    Close,
 }
 
 /// What came of a command, or of a datagram that fits none.
@@ -71,7 +79,7 @@ pub struct Exchange {
     open: Option<Open>,
     safe: Option<Open>,
     waiting: VecDeque<Command>,
-    outbox: VecDeque<Datagram>,
+    outbox: VecDeque<RobotOutput>,
     events: VecDeque<RobotEvent>,
 }
 
@@ -116,14 +124,19 @@ impl Exchange {
         }
     }
 
+    /// How many variables of a kind one request carries.
+    pub fn values_max(&self, kind: VariableKind) -> usize {
+        hses::values_max(kind)
+    }
+
     /// Forgets every ask and act that has not been sent, and stops waiting for the open one (a late answer is dropped).
     pub fn forget_open(&mut self) {
         self.open = None;
         self.waiting.clear();
     }
 
-    /// A datagram has come from the controller.
-    pub fn handle_datagram(&mut self, now: Stamp, bytes: &[u8]) {
+    /// A datagram has come from the controller, or a piece of a stream.
+    pub fn handle_bytes(&mut self, now: Stamp, bytes: &[u8]) {
         let answer = match Answer::decode(bytes) {
             Ok(answer) => answer,
             Err(error) => return self.drop_datagram(error.to_string(), true),
@@ -168,6 +181,12 @@ impl Exchange {
         self.send_waiting(now);
     }
 
+    /// The connection stands.
+    pub fn handle_connected(&mut self, _now: Stamp) {}
+
+    /// The connection did not come about or has ended.
+    pub fn handle_closed(&mut self, _now: Stamp, _reason: &str) {}
+
     /// Time has passed.
     pub fn handle_wake(&mut self, now: Stamp) {
         if let Some(safe) = self.safe.take_if(|safe| safe.due <= now) {
@@ -197,9 +216,9 @@ impl Exchange {
         )
     }
 
-    /// The next datagram to send.
+    /// The next thing to do with the wire.
     #[must_use]
-    pub fn poll_transmit(&mut self) -> Option<Datagram> {
+    pub fn poll_output(&mut self) -> Option<RobotOutput> {
         self.outbox.pop_front()
     }
 
@@ -223,7 +242,7 @@ impl Exchange {
         let id = self.next_id;
         self.next_id = self.next_id.checked_add(1).unwrap_or(1);
         let kind = command.kind();
-        self.outbox.push_back(Datagram {
+        self.outbox.push_back(RobotOutput::Bytes {
             bytes: hses::request(&command, id).encode(),
             kind,
         });
@@ -265,14 +284,17 @@ mod tests {
     }
 
     /// The page's answer `name`, given the id of the last request in `sent`.
-    fn answer_to(sent: &Datagram, name: &str) -> Vec<u8> {
+    fn answer_to(sent: &RobotOutput, name: &str) -> Vec<u8> {
         let mut bytes = hses(name);
-        bytes[11] = sent.bytes[11];
+        let RobotOutput::Bytes { bytes: request, .. } = sent else {
+            panic!("{sent:?}")
+        };
+        bytes[11] = request[11];
         bytes
     }
 
-    fn drain(exchange: &mut Exchange) -> Vec<Datagram> {
-        std::iter::from_fn(|| exchange.poll_transmit()).collect()
+    fn drain(exchange: &mut Exchange) -> Vec<RobotOutput> {
+        std::iter::from_fn(|| exchange.poll_output()).collect()
     }
 
     #[test]
@@ -319,11 +341,11 @@ mod tests {
         exchange.say(at(1), Command::HoldOn);
         let sent = drain(&mut exchange);
         assert_eq!(sent.len(), 2);
-        assert_eq!(sent[1].kind, Kind::Set);
+        assert!(matches!(sent[1], RobotOutput::Bytes { kind: Kind::Set, .. }));
         exchange.handle_wake(at(101));
         let again = drain(&mut exchange);
         assert_eq!(again.len(), 1);
-        exchange.handle_datagram(at(110), &answer_to(&again[0], "ans_set_ok"));
+        exchange.handle_bytes(at(110), &answer_to(&again[0], "ans_set_ok"));
         assert_eq!(
             exchange.poll_event(),
             Some(RobotEvent::Answered {
@@ -331,7 +353,7 @@ mod tests {
                 reply: Reply::Done
             })
         );
-        exchange.handle_datagram(at(120), &answer_to(&sent[0], "ans_status_ready"));
+        exchange.handle_bytes(at(120), &answer_to(&sent[0], "ans_status_ready"));
         assert!(matches!(
             exchange.poll_event(),
             Some(RobotEvent::Answered {
@@ -348,14 +370,14 @@ mod tests {
         let first = drain(&mut exchange);
         exchange.handle_wake(at(300));
         let second = drain(&mut exchange);
-        exchange.handle_datagram(at(310), &answer_to(&first[0], "ans_status_ready"));
+        exchange.handle_bytes(at(310), &answer_to(&first[0], "ans_status_ready"));
         assert!(matches!(
             exchange.poll_event(),
             Some(RobotEvent::Dropped { malformed: false, .. })
         ));
-        exchange.handle_datagram(at(320), &answer_to(&second[0], "ans_status_ready"));
+        exchange.handle_bytes(at(320), &answer_to(&second[0], "ans_status_ready"));
         assert!(matches!(exchange.poll_event(), Some(RobotEvent::Answered { .. })));
-        exchange.handle_datagram(at(330), b"noise");
+        exchange.handle_bytes(at(330), b"noise");
         assert!(matches!(
             exchange.poll_event(),
             Some(RobotEvent::Dropped { malformed: true, .. })

@@ -13,7 +13,7 @@ mod reply;
 mod variable;
 
 pub use command::{AlarmClass, Command, Cycle, Kind, Move, MovePulses, Path, Speed};
-pub use exchange::{Datagram, Exchange, ExchangeSettings, RobotEvent};
+pub use exchange::{Exchange, ExchangeSettings, RobotEvent, RobotOutput};
 pub use pose::WirePose;
 pub use reply::{Alarm, ExecutingJob, Position, Refusal, Reply, ReplyError, Status, SystemInformation};
 pub use variable::{Form, Frame, JobName, JobNameError, PositionVariable, Values, Variable, VariableKind};

@@ -1,7 +1,7 @@
 //! What the controller answers, whatever the link: meaning only, no bytes.
 
 use super::pose::WirePose;
-use super::variable::Values;
+use super::variable::{Form, Values};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -104,6 +104,8 @@ pub struct Position {
     pub base_from_tool: WirePose,
     /// Which tool.
     pub tool: i32,
+    /// The arm's configuration.
+    pub form: Form,
 }
 
 /// The selected job and where in it the controller is.

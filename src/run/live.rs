@@ -1,13 +1,15 @@
 //! A run on real sockets: the one loop around [`Controller`].
 
 use super::console::Console;
-use super::hold_on_panic::HoldOnPanic;
 use super::journal_file::{JournalError, JournalFile};
 use super::pool::Pool;
+use super::robot_wire::RobotWire;
+use super::wires::{self, Place};
 use crate::camera::CameraOutput;
 use crate::controller::{Command, Controller, Input, Output};
 use crate::event::Ending;
 use crate::journal::{Record, input_record, output_records};
+use crate::robot::RobotOutput;
 use crate::stamp::Stamp;
 use std::fs::OpenOptions;
 use std::io::{self, Write as _};
@@ -15,18 +17,32 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use thiserror::Error;
-use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
-use tokio::net::{TcpStream, UdpSocket};
 use tokio::sync::mpsc;
 use tokio::time::Instant;
 
 /// Where the devices are.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Links {
-    /// The robot's HSES port.
-    pub robot: SocketAddr,
+    /// The robot.
+    pub robot: RobotPlace,
     /// The camera bridge.
     pub camera: SocketAddr,
+}
+
+/// Where the robot is, and what is spoken there.
+#[derive(Debug, Clone)]
+pub enum RobotPlace {
+    /// HSES over UDP.
+    Hses(SocketAddr),
+    /// Host control over TCP.
+    HostControl(SocketAddr),
+    /// Host control over a serial line.
+    Serial {
+        /// Its path.
+        device: PathBuf,
+        /// Bits per second.
+        baud: u32,
+    },
 }
 
 /// Everything a run needs from outside.
@@ -87,17 +103,8 @@ pub enum LiveError {
 
 /// Carries a run out to its end.
 pub async fn run(live: Live<'_>) -> Result<Outcome, LiveError> {
-    let local: SocketAddr = if live.links.robot.is_ipv4() {
-        ([0, 0, 0, 0], 0).into()
-    } else {
-        ([0u16; 8], 0).into()
-    };
-    let robot = std::net::UdpSocket::bind(local).map_err(LiveError::Socket)?;
-    robot.connect(live.links.robot).map_err(LiveError::Socket)?;
-    robot.set_nonblocking(true).map_err(LiveError::Socket)?;
-    let _guard = HoldOnPanic::new(robot.try_clone().map_err(LiveError::Socket)?);
-    let robot = UdpSocket::from_std(robot).map_err(LiveError::Socket)?;
-    let (news, camera_news) = mpsc::channel(CAMERA_QUEUE_MAX);
+    let (news, stream_news) = mpsc::channel(NEWS_MAX);
+    let (robot, _guard) = RobotWire::open(&live.links.robot, &news)?;
     let (finished, finished_jobs) = mpsc::unbounded_channel();
     let shell = Shell {
         began: Instant::now(),
@@ -110,13 +117,13 @@ pub async fn run(live: Live<'_>) -> Result<Outcome, LiveError> {
         file_error: None,
         live,
     };
-    shell.run(camera_news, finished_jobs).await
+    shell.run(stream_news, finished_jobs).await
 }
 
 struct Shell<'a> {
     live: Live<'a>,
     began: Instant,
-    robot: UdpSocket,
+    robot: RobotWire,
     camera: Option<mpsc::Sender<Vec<u8>>>,
     news: mpsc::Sender<Input>,
     /// At most a handful of jobs are ever open, so this queue is bounded by the controller.
@@ -129,7 +136,7 @@ struct Shell<'a> {
 impl Shell<'_> {
     async fn run(
         mut self,
-        mut camera_news: mpsc::Receiver<Input>,
+        mut stream_news: mpsc::Receiver<Input>,
         mut finished_jobs: mpsc::UnboundedReceiver<Input>,
     ) -> Result<Outcome, LiveError> {
         self.handle(Input::Begin).await;
@@ -143,13 +150,10 @@ impl Shell<'_> {
             let input = tokio::select! {
                 biased;
                 Some(command) = self.live.commands.recv() => Input::Operator(command),
-                received = self.robot.recv(&mut datagram) => match received {
-                    Ok(length) => Input::RobotDatagram(datagram[..length].to_vec()),
-                    Err(error) => Input::RobotUnreachable { reason: format!("{}: {error}", self.live.links.robot) },
-                },
+                input = self.robot.recv(&mut datagram) => input,
                 () = sleep_until(wake) => Input::Wake,
                 Some(input) = finished_jobs.recv() => input,
-                Some(input) = camera_news.recv() => input,
+                Some(input) = stream_news.recv() => input,
             };
             self.handle(input).await;
         }
@@ -180,13 +184,14 @@ impl Shell<'_> {
 
     async fn carry_out(&mut self, now: Stamp, output: Output) {
         match output {
-            Output::Robot(datagram) => {
-                if datagram.kind.waits_for_journal() && !self.flushed(now) {
+            Output::Robot(RobotOutput::Bytes { bytes, kind }) => {
+                if kind.waits_for_journal() && !self.flushed(now) {
                     return;
                 }
-                // A refusal of the network comes back from recv as well; a full buffer is as good as a lost datagram.
-                self.robot.send(&datagram.bytes).await.ok();
+                self.robot.send(bytes).await;
             }
+            Output::Robot(RobotOutput::Connect) => self.robot.connect(&self.news),
+            Output::Robot(RobotOutput::Close) => self.robot.close(),
             Output::Camera(CameraOutput::Connect) => self.connect_camera(),
             Output::Camera(CameraOutput::Close) => self.camera = None,
             Output::Camera(CameraOutput::Bytes { bytes, act }) => {
@@ -241,9 +246,8 @@ impl Shell<'_> {
     }
 
     fn connect_camera(&mut self) {
-        let (sender, outgoing) = mpsc::channel(CAMERA_QUEUE_MAX);
-        self.camera = Some(sender);
-        tokio::spawn(serve_camera(self.live.links.camera, outgoing, self.news.clone()));
+        let place = Place::Tcp(self.live.links.camera);
+        self.camera = Some(wires::open(place, wires::CAMERA, self.news.clone()));
     }
 
     fn conclude(self) -> Result<Outcome, LiveError> {
@@ -283,54 +287,6 @@ impl Shell<'_> {
     }
 }
 
-/// Owns the camera's connection: connects, writes what it is given, reports what comes, until either side ends.
-async fn serve_camera(address: SocketAddr, mut outgoing: mpsc::Receiver<Vec<u8>>, news: mpsc::Sender<Input>) {
-    let closed = |reason: String| Input::CameraClosed { reason };
-    // A CLOSE before the connection stands drops the sender, which ends the wait.
-    let stream = tokio::select! {
-        stream = TcpStream::connect(address) => stream,
-        () = until_closed(&mut outgoing) => return,
-    };
-    let stream = match stream {
-        Ok(stream) => stream,
-        Err(error) => {
-            news.send(closed(format!("{address}: {error}"))).await.ok();
-            return;
-        }
-    };
-    stream.set_nodelay(true).ok();
-    let (mut reader, mut writer) = stream.into_split();
-    if news.send(Input::CameraConnected).await.is_err() {
-        return;
-    }
-    let writing = tokio::spawn(async move {
-        while let Some(bytes) = outgoing.recv().await {
-            if writer.write_all(&bytes).await.is_err() {
-                return;
-            }
-        }
-        writer.shutdown().await.ok();
-    });
-    let mut buffer = vec![0u8; READ_BYTES];
-    let reason = loop {
-        match reader.read(&mut buffer).await {
-            Ok(0) => break "the camera closed the connection".to_owned(),
-            Ok(length) => {
-                if news.send(Input::CameraBytes(buffer[..length].to_vec())).await.is_err() {
-                    return;
-                }
-            }
-            Err(error) => break error.to_string(),
-        }
-    };
-    news.send(closed(reason)).await.ok();
-    writing.abort();
-}
-
-async fn until_closed(outgoing: &mut mpsc::Receiver<Vec<u8>>) {
-    while outgoing.recv().await.is_some() {}
-}
-
 async fn sleep_until(wake: Option<Instant>) {
     match wake {
         Some(wake) => tokio::time::sleep_until(wake).await,
@@ -352,5 +308,4 @@ fn write_new(path: &Path, bytes: &[u8]) -> Result<(), LiveError> {
 
 /// Datagrams of HSES are at most 511 bytes; room for more shows foreign ones whole.
 const DATAGRAM_BYTES: usize = 2048;
-const READ_BYTES: usize = 128 << 10;
-const CAMERA_QUEUE_MAX: usize = 32;
+const NEWS_MAX: usize = 32;

@@ -6,11 +6,13 @@ mod journal_file;
 mod live;
 mod pool;
 mod replay;
+mod robot_wire;
 mod simulated;
+mod wires;
 
 pub use console::Console;
 pub use journal_file::{JournalError, JournalFile, pack_file};
-pub use live::{Links, Live, LiveError, Outcome, run};
+pub use live::{Links, Live, LiveError, Outcome, RobotPlace, run};
 pub use pool::Pool;
 pub use replay::{Difference, ReplayError, ReplayReport, replay};
 pub use simulated::{SimulatedCell, SimulatedError, SimulatedOptions};

@@ -1,6 +1,6 @@
 //! The simulated cell as a child process of the same executable.
 
-use super::live::Links;
+use super::live::{Links, RobotPlace};
 use nalgebra::Isometry3;
 use serde::Deserialize;
 use std::io;
@@ -97,7 +97,7 @@ impl SimulatedCell {
         Ok(Self {
             child,
             links: Links {
-                robot: ready.hses,
+                robot: RobotPlace::Hses(ready.hses),
                 camera: ready.a3dp,
             },
         })
@@ -105,7 +105,7 @@ impl SimulatedCell {
 
     /// Where its devices listen.
     pub fn links(&self) -> Links {
-        self.links
+        self.links.clone()
     }
 
     /// Lets it end, so that its truth is written to the last view.

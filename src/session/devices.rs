@@ -1,13 +1,22 @@
 //! What recipe and station mean for the two conversations.
 
-use super::ArmSettings;
+use super::{ArmSettings, JobSettings, Motion};
 use crate::camera;
 use crate::robot;
-use crate::settings::{Recipe, Roi, Station};
+use crate::settings::{self, Recipe, Roi, Station};
 
 pub(super) fn arm_settings(station: &Station) -> ArmSettings {
     let robot = &station.robot;
     ArmSettings {
+        motion: match &robot.motion {
+            settings::Motion::Direct => Motion::Direct,
+            settings::Motion::Job(job) => Motion::Job(JobSettings {
+                name: job.name.clone(),
+                position_first: job.position_first,
+                variable_first: job.variable_first,
+                patience: (ms(job.patience_ns) / JOB_TURN_MS) as i32,
+            }),
+        },
         tool: robot.tool,
         speed_mm_s: robot.speed_mm_s,
         rotation_speed_rad_s: robot.rotation_speed_rad_s,
@@ -70,3 +79,6 @@ pub(super) fn camera_settings(recipe: &Recipe) -> camera::CameraSettings {
 fn ms(ns: u64) -> u64 {
     ns / 1_000_000
 }
+
+/// One turn of the scan job's waiting loop (`docs/robot/README.md`).
+const JOB_TURN_MS: u64 = 20;

@@ -14,13 +14,13 @@ mod devices;
 mod frames;
 mod identity;
 
-pub use arm::{Arm, ArmEvent, ArmSettings};
+pub use arm::{Arm, ArmEvent, ArmSettings, JobSettings, Motion};
 
 use crate::camera::{self, CameraEvent, CameraOutput, Capture, TriggerId, Trouble};
 use crate::event::{Ending, Event, HoldBy};
 use crate::fault::{Fault, FaultCode};
 use crate::plan::PlannedView;
-use crate::robot::Datagram;
+use crate::robot::RobotOutput;
 use crate::settings::{Recipe, Station, Target as StationTarget};
 use crate::stamp::{Stamp, earlier};
 use devices::{arm_settings, camera_settings, camera_times};
@@ -62,7 +62,6 @@ pub enum SessionEvent {
 pub struct Session {
     arm: Arm,
     camera: camera::Exchange,
-    plan: Vec<PlannedView>,
     wanted: Wanted,
     stage: Stage,
     robot_known: bool,
@@ -125,9 +124,11 @@ impl Session {
             .map(|view_index| Target { view_index, attempt: 0 })
             .collect();
         Self {
-            arm: Arm::new(arm_settings(station)),
+            arm: Arm::new(
+                arm_settings(station),
+                plan.iter().map(|view| view.base_from_tool).collect(),
+            ),
             camera: camera::Exchange::new(camera_times(station), camera_settings(recipe)),
-            plan: plan.to_vec(),
             wanted: Wanted {
                 simulated: !matches!(station.target, StationTarget::Cell { .. }),
                 optics: recipe.camera.optics.name(),
@@ -224,9 +225,21 @@ impl Session {
         self.ending.is_some() && self.arm_done && self.camera_done
     }
 
-    /// A datagram has come from the robot.
-    pub fn handle_datagram(&mut self, now: Stamp, bytes: &[u8]) {
-        self.arm.handle_datagram(now, bytes);
+    /// Bytes have come from the robot: a datagram, or a piece of a stream.
+    pub fn handle_robot_bytes(&mut self, now: Stamp, bytes: &[u8]) {
+        self.arm.handle_bytes(now, bytes);
+        self.handle_events(now);
+    }
+
+    /// The robot's connection stands.
+    pub fn handle_robot_connected(&mut self, now: Stamp) {
+        self.arm.handle_connected(now);
+        self.handle_events(now);
+    }
+
+    /// The robot's connection did not come about or has ended.
+    pub fn handle_robot_closed(&mut self, now: Stamp, reason: &str) {
+        self.arm.handle_closed(now, reason);
         self.handle_events(now);
     }
 
@@ -276,7 +289,7 @@ impl Session {
                     && backlog_count < BACKLOG_MAX
                 {
                     self.stage = Stage::Moving(target);
-                    self.arm.move_to(now, &self.plan[target.view_index].base_from_tool);
+                    self.arm.move_to(now, target.view_index);
                     self.emit(Event::MoveStarted {
                         view_index: target.view_index,
                         attempt: target.attempt,
@@ -304,10 +317,10 @@ impl Session {
         earlier(self.arm.wake_at(), self.camera.wake_at())
     }
 
-    /// The next datagram for the robot.
+    /// The next thing to do for the robot.
     #[must_use]
-    pub fn poll_datagram(&mut self) -> Option<Datagram> {
-        self.arm.poll_transmit()
+    pub fn poll_robot(&mut self) -> Option<RobotOutput> {
+        self.arm.poll_output()
     }
 
     /// The next thing to do for the camera.

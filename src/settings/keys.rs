@@ -203,11 +203,32 @@ pub const RECIPE_KEYS: &[Key] = &[
 pub const STATION_KEYS: &[Key] = &[
     required("name", NAME),
     required("kind", Kind::Choice(&["simulated", "cell"])),
+    default(
+        "robot.link",
+        Kind::Choice(&["hses", "host-control", "serial"]),
+        "\"hses\"",
+    ),
     optional(
         "robot.address",
         ADDRESS,
-        "required, except for the simulated station that a dry run starts (then leave out both)",
+        "required, except with a serial link, and for the simulated station that a dry run starts (then leave out both)",
     ),
+    optional(
+        "robot.serial_device",
+        Kind::Text("the path of a serial port"),
+        "required with a serial link, except for the simulated station",
+    ),
+    default("robot.serial_baud", integer(150.0, 115_200.0, "Bd"), "9600"),
+    default("robot.motion", Kind::Choice(&["direct", "job"]), "\"direct\""),
+    default(
+        "robot.job.name",
+        Kind::Text("1 to 32 letters, digits, hyphens and underscores"),
+        "\"BLADESCAN\"",
+    ),
+    default("robot.job.position_first", integer(0.0, 999.0, ""), "0"),
+    default("robot.job.position_last", integer(0.0, 999.0, ""), "127"),
+    default("robot.job.variable_first", integer(0.0, 999.0, ""), "10"),
+    default("robot.job.patience_ms", integer(1000.0, 600_000.0, "ms"), "5000"),
     default("robot.tool", integer(0.0, 63.0, ""), "0"),
     default("robot.speed_mm_s", number(0.1, 1500.0, "mm/s"), "50.0"),
     default("robot.rotation_speed_deg_s", number(0.1, 180.0, "deg/s"), "10.0"),

@@ -18,4 +18,6 @@ pub use recipe::{
     Cad, CameraSettings, Compression, Merge, Optics, OutlierFilter, Recipe, Registration, Roi, Start, Views,
     WorkingVolume,
 };
-pub use station::{CameraLink, HostPort, RobotLink, Station, Target, Workspace};
+pub use station::{
+    CameraLink, HostPort, Motion, RobotAddress, RobotLink, RobotProtocol, ScanJob, Station, Target, Workspace,
+};

@@ -1,6 +1,7 @@
 //! Stations: where it is measured, by which devices, within which limits.
 
 use std::fmt;
+use std::path::PathBuf;
 
 use nalgebra::{Isometry3, Point3};
 use toml::Spanned;
@@ -8,7 +9,8 @@ use toml::Spanned;
 use super::error::SettingsError;
 use super::keys::STATION_KEYS;
 use super::source::Source;
-use super::written::{CameraLinkFile, KindFile, RobotFile, StationFile, WorkspaceFile};
+use super::written::{CameraLinkFile, KindFile, LinkFile, MotionFile, RobotFile, StationFile, WorkspaceFile};
+use crate::robot::JobName;
 
 /// Where it is measured: devices, limits, time-outs and calibration of one cell.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,18 +38,72 @@ pub enum Target {
     Simulated,
     /// A simulated cell that runs already.
     SimulatedAt {
-        /// The robot's port.
-        robot: HostPort,
+        /// The robot.
+        robot: RobotAddress,
         /// The camera's port.
         camera: HostPort,
     },
     /// Real devices.
     Cell {
-        /// The robot's High-Speed Ethernet Server.
-        robot: HostPort,
+        /// The robot.
+        robot: RobotAddress,
         /// The bridge to the camera.
         camera: HostPort,
     },
+}
+
+/// Where the robot is.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum RobotAddress {
+    /// On the network: its High-Speed Ethernet Server (UDP) or its host control (TCP), as [`RobotLink::protocol`] says.
+    Network(HostPort),
+    /// At the end of a serial cable.
+    SerialDevice(PathBuf),
+}
+
+/// What is spoken with the robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RobotProtocol {
+    /// High-Speed Ethernet Server, UDP.
+    Hses,
+    /// Host control, TCP.
+    HostControl,
+    /// Host control, BSC-LIKE over a serial line.
+    Serial {
+        /// Bits per second, 150 to 115,200.
+        baud: u32,
+    },
+}
+
+/// How the robot is moved.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Motion {
+    /// By moves that are sent one by one.
+    Direct,
+    /// By orders to a job on the controller (`docs/robot/README.md`).
+    Job(ScanJob),
+}
+
+/// The job on the controller, and the variables that it shares with us.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ScanJob {
+    /// Its name there.
+    pub name: JobName,
+    /// The first position variable for poses of the plan, 0 to 999.
+    pub position_first: u16,
+    /// The last one, not below the first.
+    pub position_last: u16,
+    /// The first of its D variables, 0 to 999.
+    pub variable_first: u16,
+    /// How long it waits for a sign of life, 1 s to 10 min.
+    pub patience_ns: u64,
+}
+
+impl ScanJob {
+    /// How many poses fit.
+    pub fn position_count(&self) -> usize {
+        usize::from(self.position_last - self.position_first) + 1
+    }
 }
 
 /// A host name or IP address, and a port.
@@ -93,6 +149,10 @@ impl fmt::Display for HostPort {
 /// Limits and time-outs of the robot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RobotLink {
+    /// What is spoken.
+    pub protocol: RobotProtocol,
+    /// How the robot is moved.
+    pub motion: Motion,
     /// The tool whose frame the calibration means, 0 to 63.
     pub tool: u8,
     /// Speed of straight moves, 0.1 to 1500 mm/s.
@@ -182,19 +242,52 @@ impl Station {
 }
 
 fn target(source: &Source, written: &StationFile) -> Result<Target, SettingsError> {
-    let addresses = [
-        ("robot.address", &written.robot.address, "192.168.1.31:10040"),
-        ("camera.address", &written.camera.address, "127.0.0.1:50555"),
-    ];
+    let (robot, camera) = (&written.robot, &written.camera);
+    let serial = matches!(robot.link, LinkFile::Serial);
+    let place = if serial { &robot.serial_device } else { &robot.address };
     // A simulated cell that the caller starts chooses its ports itself; one that runs elsewhere has addresses.
-    if matches!(written.kind, KindFile::Simulated) && addresses.iter().all(|(_, address, _)| address.is_none()) {
+    if matches!(written.kind, KindFile::Simulated) && place.is_none() && camera.address.is_none() {
         return Ok(Target::Simulated);
     }
-    let [robot, camera] = addresses.map(|(path, address, example)| host_port(source, path, address, example));
-    let (robot, camera) = (robot?, camera?);
+    let robot = match (serial, place) {
+        (true, Some(device)) => RobotAddress::SerialDevice(PathBuf::from(device.get_ref())),
+        (true, None) => {
+            let message = "`robot.serial_device` is missing: a serial link needs the port's path".to_owned();
+            let help = Some("for example \"/dev/ttyUSB0\"".to_owned());
+            return Err(source.error_at_key("robot.serial_device", message, help));
+        }
+        (false, _) => RobotAddress::Network(host_port(source, "robot.address", place, "192.168.1.31:10040")?),
+    };
+    let camera = host_port(source, "camera.address", &camera.address, "127.0.0.1:50555")?;
     Ok(match written.kind {
         KindFile::Simulated => Target::SimulatedAt { robot, camera },
         KindFile::Cell => Target::Cell { robot, camera },
+    })
+}
+
+fn motion(source: &Source, written: &RobotFile) -> Result<Motion, SettingsError> {
+    let job = &written.job;
+    let name = JobName::parse(job.name.get_ref()).map_err(|error| {
+        let message = format!("`robot.job.name`: {error}");
+        source.error_in_value("robot.job.name", job.name.span(), message)
+    })?;
+    let last = *job.position_last.get_ref();
+    if last < job.position_first {
+        let message = format!(
+            "`robot.job.position_last` is {last}, below `position_first` of {}",
+            job.position_first
+        );
+        return Err(source.error_in_value("robot.job.position_last", job.position_last.span(), message));
+    }
+    Ok(match written.motion {
+        MotionFile::Direct => Motion::Direct,
+        MotionFile::Job => Motion::Job(ScanJob {
+            name,
+            position_first: job.position_first,
+            position_last: last,
+            variable_first: job.variable_first,
+            patience_ns: job.patience_ms * NS_PER_MS,
+        }),
     })
 }
 
@@ -218,7 +311,16 @@ fn host_port(
 }
 
 fn robot_link(source: &Source, written: &RobotFile) -> Result<RobotLink, SettingsError> {
+    let protocol = match written.link {
+        LinkFile::Hses => RobotProtocol::Hses,
+        LinkFile::HostControl => RobotProtocol::HostControl,
+        LinkFile::Serial => RobotProtocol::Serial {
+            baud: written.serial_baud,
+        },
+    };
     Ok(RobotLink {
+        protocol,
+        motion: motion(source, written)?,
         tool: written.tool,
         speed_mm_s: written.speed_mm_s,
         rotation_speed_rad_s: written.rotation_speed_deg_s.to_radians(),

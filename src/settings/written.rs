@@ -106,7 +106,12 @@ pub(super) enum KindFile {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct RobotFile {
+    pub(super) link: LinkFile,
     pub(super) address: Option<Spanned<String>>,
+    pub(super) serial_device: Option<Spanned<String>>,
+    pub(super) serial_baud: u32,
+    pub(super) motion: MotionFile,
+    pub(super) job: JobFile,
     pub(super) tool: u8,
     pub(super) speed_mm_s: f64,
     pub(super) rotation_speed_deg_s: f64,
@@ -122,6 +127,31 @@ pub(super) struct RobotFile {
     pub(super) position_tolerance_mm: f64,
     pub(super) rotation_tolerance_deg: f64,
     pub(super) workspace: WorkspaceFile,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum LinkFile {
+    Hses,
+    HostControl,
+    Serial,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum MotionFile {
+    Direct,
+    Job,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct JobFile {
+    pub(super) name: Spanned<String>,
+    pub(super) position_first: u16,
+    pub(super) position_last: Spanned<u16>,
+    pub(super) variable_first: u16,
+    pub(super) patience_ms: u64,
 }
 
 #[derive(Deserialize)]

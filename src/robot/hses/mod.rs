@@ -5,7 +5,7 @@ mod request;
 mod wire;
 
 pub use reply::reply;
-pub use request::request;
+pub use request::{request, values_max};
 pub use wire::{Answer, DATA_BYTES_MAX, HEADER_BYTES, Request, Service, WireError};
 
 #[cfg(test)]

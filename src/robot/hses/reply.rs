@@ -130,6 +130,8 @@ fn position(data: &[u8]) -> Result<Position, ReplyError> {
     Ok(Position {
         base_from_tool: pose(data),
         tool: word(2),
+        // The low byte holds the configuration; more is not known to be used.
+        form: Form(word(1) as u8),
     })
 }
 

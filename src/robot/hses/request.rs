@@ -70,6 +70,17 @@ pub fn request(command: &Command, id: u8) -> Request {
     }
 }
 
+/// How many variables of a kind one request carries (section 2).
+pub fn values_max(kind: VariableKind) -> usize {
+    match kind {
+        VariableKind::Byte => 474,
+        VariableKind::Integer => 237,
+        VariableKind::Double | VariableKind::Real => 118,
+        VariableKind::Text => 29,
+        VariableKind::Position => 9,
+    }
+}
+
 type Parts = (u16, u16, u8, Service, Vec<u8>);
 
 fn read_one(variable: Variable) -> Parts {

@@ -1,20 +1,31 @@
 //! The arm: getting it ready, sending it to a pose, holding it, letting it go.
 //!
-//! A value on top of [`robot::Exchange`]. It decides what to ask after an unanswered act (status, then position) and
-//! whether the act is to be said anew; it never repeats a motion blindly.
+//! A value on top of [`robot::Exchange`](crate::robot::Exchange). It decides what to ask after an unanswered act (status,
+//! then position) and whether the act is to be said anew; it never repeats a motion blindly. It moves the arm in one of two
+//! ways: by moves of its own, or by numbered orders to a job on the controller (`docs/robot/README.md`).
+
+mod job;
+mod ready;
+mod travel;
+
+pub use job::JobSettings;
 
 use crate::fault::{Fault, FaultCode};
 use crate::robot::{
-    Command, Datagram, Exchange, ExchangeSettings, Kind, Move, Path, Position, Reply, RobotEvent, Speed, Status,
-    SystemInformation, WirePose,
+    Command, Exchange, ExchangeSettings, Kind, Refusal, Reply, RobotEvent, RobotOutput, Status, SystemInformation,
 };
 use crate::stamp::{Stamp, earlier};
+use job::{Loading, Orders};
 use nalgebra::Isometry3;
+use ready::Readying;
 use std::collections::VecDeque;
+use travel::Travel;
 
 /// Speeds, times and tolerances of the arm.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct ArmSettings {
+    /// How the arm is moved.
+    pub motion: Motion,
     /// Tool number, 0 to 63.
     pub tool: u8,
     /// Speed of the tool point, mm/s.
@@ -37,6 +48,15 @@ pub struct ArmSettings {
     pub rotation_tolerance_rad: f64,
     /// The conversation's own times.
     pub exchange: ExchangeSettings,
+}
+
+/// How the arm is moved.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Motion {
+    /// By moves that are sent one by one.
+    Direct,
+    /// By orders to a job on the controller.
+    Job(JobSettings),
 }
 
 /// What the arm reports to the session.
@@ -67,7 +87,10 @@ pub enum ArmEvent {
 #[derive(Debug)]
 pub struct Arm {
     settings: ArmSettings,
+    targets: Vec<Isometry3<f64>>,
     exchange: Exchange,
+    /// The orders to the scan job, when it moves the arm.
+    orders: Option<Orders>,
     state: State,
     timer: Option<Stamp>,
     heard: bool,
@@ -83,44 +106,33 @@ enum State {
     Identifying,
     Readying(Readying),
     Locating,
+    Loading(Loading),
     Standing,
     Travelling(Travel),
     Settling,
     ReadingAlarm,
-    Holding { confirmed: bool },
+    Holding {
+        confirmed: bool,
+    },
     Held,
+    /// The scan job is told to end, before servo power goes.
+    EndingJob,
     Parking,
     Over,
 }
 
-/// Things put right one after the other until the arm takes moves.
-#[derive(Debug, Clone, Copy)]
-struct Readying {
-    since: Stamp,
-    act_count: u32,
-    /// Servo power has been asked for and may need time.
-    servo_asked: bool,
-}
-
-#[derive(Debug)]
-struct Travel {
-    target: Isometry3<f64>,
-    said: Move,
-    accepted_at: Stamp,
-    begun_at: Stamp,
-    /// The controller has neither accepted nor refused the move for good.
-    uncertain: bool,
-    seen_running: bool,
-    still_count: u32,
-    attempt_count: u32,
-}
-
 impl Arm {
-    /// An arm nobody has spoken to.
-    pub fn new(settings: ArmSettings) -> Self {
+    /// An arm nobody has spoken to, and the poses (`base_from_tool`, mm) that it may be sent to.
+    pub fn new(settings: ArmSettings, targets: Vec<Isometry3<f64>>) -> Self {
+        let orders = match &settings.motion {
+            Motion::Direct => None,
+            Motion::Job(job) => Some(Orders::new(job.clone())),
+        };
         Self {
             exchange: Exchange::new(settings.exchange),
             settings,
+            targets,
+            orders,
             state: State::Apart,
             timer: None,
             heard: false,
@@ -139,42 +151,20 @@ impl Arm {
 
     /// Releases a hold of ours, switches servo power on, and reports [`ArmEvent::Ready`].
     pub fn make_ready(&mut self, now: Stamp) {
-        self.state = State::Readying(Readying {
-            since: now,
-            act_count: 0,
-            servo_asked: false,
-        });
+        self.state = State::Readying(Readying::begun(now));
         self.ask_status(now);
     }
 
-    /// Starts a straight move to `base_from_tool` (mm). Only while the arm stands ready.
-    pub fn move_to(&mut self, now: Stamp, base_from_tool: &Isometry3<f64>) {
-        let from = self.last_pose.unwrap_or(*base_from_tool);
-        let said = Move {
-            base_from_tool: WirePose::from_isometry(base_from_tool),
-            path: Path::Straight,
-            speed: self.speed(&from, base_from_tool),
-            tool: self.settings.tool,
-        };
-        self.state = State::Travelling(Travel {
-            target: *base_from_tool,
-            said,
-            accepted_at: now,
-            begun_at: now,
-            uncertain: false,
-            seen_running: false,
-            still_count: 0,
-            attempt_count: 1,
-        });
-        self.timer = None;
-        self.exchange.say(now, Command::Move(said));
+    /// Starts a straight way to the target of this index. Only while the arm stands ready.
+    pub fn move_to(&mut self, now: Stamp, target_index: usize) {
+        self.set_out(now, target_index);
     }
 
     /// Stops the arm. Waits for nothing; [`ArmEvent::Held`] confirms.
     pub fn hold(&mut self, now: Stamp) {
         if matches!(
             self.state,
-            State::Holding { .. } | State::Held | State::Parking | State::Over
+            State::Holding { .. } | State::Held | State::EndingJob | State::Parking | State::Over
         ) {
             return;
         }
@@ -190,15 +180,15 @@ impl Arm {
         }
     }
 
-    /// Switches servo power off if it was switched on here; [`ArmEvent::Parked`] confirms.
+    /// Ends the scan job and switches servo power off if either was begun here; [`ArmEvent::Parked`] confirms.
     pub fn park(&mut self, now: Stamp) {
         self.exchange.forget_open();
         self.timer = None;
-        if self.servo_is_ours {
-            self.state = State::Parking;
-            self.exchange.say(now, Command::ServoOff);
+        if let Some(end_of_job) = self.orders.as_ref().and_then(Orders::end_of_job) {
+            self.state = State::EndingJob;
+            self.exchange.say(now, end_of_job);
         } else {
-            self.finish_parking();
+            self.switch_servo_off(now);
         }
     }
 
@@ -207,9 +197,21 @@ impl Arm {
         matches!(self.state, State::Standing)
     }
 
-    /// A datagram has come.
-    pub fn handle_datagram(&mut self, now: Stamp, bytes: &[u8]) {
-        self.exchange.handle_datagram(now, bytes);
+    /// Bytes have come.
+    pub fn handle_bytes(&mut self, now: Stamp, bytes: &[u8]) {
+        self.exchange.handle_bytes(now, bytes);
+        self.handle_exchange_events(now);
+    }
+
+    /// The connection stands.
+    pub fn handle_connected(&mut self, now: Stamp) {
+        self.exchange.handle_connected(now);
+        self.handle_exchange_events(now);
+    }
+
+    /// The connection did not come about or has ended.
+    pub fn handle_closed(&mut self, now: Stamp, reason: &str) {
+        self.exchange.handle_closed(now, reason);
         self.handle_exchange_events(now);
     }
 
@@ -228,6 +230,7 @@ impl Arm {
                 State::Readying(_) | State::Standing | State::Travelling(_) | State::Holding { .. } => {
                     self.ask_status(now);
                 }
+                State::Loading(_) => self.look_whether_the_job_waits(now),
                 _ => {}
             }
         }
@@ -238,10 +241,10 @@ impl Arm {
         earlier(self.exchange.wake_at(), self.timer)
     }
 
-    /// The next datagram to send.
+    /// The next thing to do with the wire.
     #[must_use]
-    pub fn poll_transmit(&mut self) -> Option<Datagram> {
-        self.exchange.poll_transmit()
+    pub fn poll_output(&mut self) -> Option<RobotOutput> {
+        self.exchange.poll_output()
     }
 
     /// The next event.
@@ -255,13 +258,13 @@ impl Arm {
             match event {
                 RobotEvent::Answered { command, reply } => {
                     (self.heard, self.garbled_in_a_row) = (true, 0);
-                    self.handle_reply(now, command, reply);
+                    self.handle_reply(now, &command, reply);
                 }
                 RobotEvent::Refused { command, refusal } => {
                     (self.heard, self.garbled_in_a_row) = (true, 0);
-                    self.handle_refusal(now, command, refusal.added_status, refusal.words());
+                    self.handle_refusal(now, &command, refusal);
                 }
-                RobotEvent::Unanswered { command } => self.handle_silence(now, command),
+                RobotEvent::Unanswered { command } => self.handle_silence(now, &command),
                 RobotEvent::Dropped { reason, malformed } => {
                     self.garbled_in_a_row = if malformed { self.garbled_in_a_row + 1 } else { 0 };
                     self.events.push_back(ArmEvent::Dropped(reason.clone()));
@@ -273,14 +276,14 @@ impl Arm {
         }
     }
 
-    fn handle_reply(&mut self, now: Stamp, command: Command, reply: Reply) {
+    fn handle_reply(&mut self, now: Stamp, command: &Command, reply: Reply) {
         match (command, reply) {
             (_, Reply::SystemInformation(system)) => {
                 self.state = State::Apart;
                 self.events.push_back(ArmEvent::Identity(system));
             }
             (_, Reply::Status(status)) => self.handle_status(now, status),
-            (_, Reply::Position(position)) => self.handle_position(now, position),
+            (_, Reply::Position(position)) => self.handle_position(now, &position),
             (_, Reply::Alarm(alarm)) => {
                 let seen = match alarm {
                     Some(alarm) => format!("alarm {} {} (sub-code {})", alarm.code, alarm.name, alarm.data),
@@ -288,28 +291,36 @@ impl Arm {
                 };
                 self.fault(FaultCode::RobotAlarm, seen);
             }
-            (Command::Move(_), Reply::Done) => {
-                if let State::Travelling(travel) = &mut self.state {
-                    travel.accepted_at = now;
-                    self.ask_status(now);
-                }
-            }
-            (Command::HoldOn, Reply::Done) => {
-                if let State::Holding { confirmed } = &mut self.state {
-                    *confirmed = true;
-                    self.ask_status(now);
-                }
-            }
-            (Command::ServoOff, Reply::Done) => self.finish_parking(),
-            (Command::ServoOn, Reply::Done) => {
-                if let State::Readying(readying) = &mut self.state {
-                    readying.servo_asked = true;
-                }
+            (_, Reply::Values(values)) => self.handle_values(now, &values),
+            (_, Reply::ExecutingJob(job)) => self.handle_executing_job(now, &job),
+            (_, Reply::Done) => self.handle_done(now, command),
+            // Asked for by nobody here.
+            (_, Reply::Pulses(_) | Reply::Signals(_)) => {}
+        }
+    }
+
+    fn handle_done(&mut self, now: Stamp, command: &Command) {
+        match (command, &mut self.state) {
+            (Command::Move(_) | Command::Order { .. }, State::Travelling(travel)) => {
+                travel.accepted_at = now;
                 self.ask_status(now);
             }
-            (Command::HoldOff, Reply::Done) => self.ask_status(now),
-            // Asked for by nobody here.
-            (_, Reply::Done | Reply::Pulses(_) | Reply::ExecutingJob(_) | Reply::Values(_) | Reply::Signals(_)) => {}
+            // A beat: the next look at the job follows.
+            (Command::Write { .. }, State::Travelling(_)) => self.poll_later(now),
+            (_, State::Loading(_)) => self.load_on(now),
+            (Command::HoldOn, State::Holding { confirmed }) => {
+                *confirmed = true;
+                self.ask_status(now);
+            }
+            (Command::ServoOff, _) => self.finish_parking(),
+            (Command::ServoOn, State::Readying(readying)) => {
+                readying.servo_asked = true;
+                self.ask_status(now);
+            }
+            (Command::HoldOff, State::Readying(_)) => self.ask_status(now),
+            (Command::Write { .. }, State::Readying(_)) => self.poll_later(now),
+            (Command::Write { .. }, State::EndingJob) => self.switch_servo_off(now),
+            _ => {}
         }
     }
 
@@ -320,7 +331,8 @@ impl Arm {
         }
         match self.state {
             State::Readying(readying) => self.decide_readying(now, status, readying),
-            State::Standing => self.timer = Some(now.plus_ms(IDLE_POLL_MS)),
+            State::Loading(_) => self.handle_status_of_job(now, status),
+            State::Standing => self.stand(now, status),
             State::Travelling(_) => self.follow(now, status),
             State::Holding { confirmed: true } if status.running() => self.poll_later(now),
             State::Holding { confirmed: true } => {
@@ -331,47 +343,16 @@ impl Arm {
         }
     }
 
-    /// One thing at a time is put right, then the status is read anew.
-    fn decide_readying(&mut self, now: Stamp, status: Status, readying: Readying) {
-        let late =
-            now.ms_since(readying.since) >= self.settings.servo_timeout_ms || readying.act_count >= READYING_ACTS_MAX;
-        let act = if status.alarm() || status.error() {
-            return self.read_alarm(now);
-        } else if !status.remote() {
-            return self.fault(FaultCode::RobotNotRemote, "play mode with command remote is not set");
-        } else if status.held_elsewhere() {
-            // Only a person there can release it: hold here as well until then.
-            return self.events.push_back(ArmEvent::HeldElsewhere);
-        } else if status.held_by_command() {
-            Some(Command::HoldOff)
-        } else if status.running() {
-            None
-        } else if !status.servo_on() {
-            Some(Command::ServoOn)
-        } else {
-            self.state = State::Locating;
-            return self.exchange.say(now, Command::Position);
-        };
-        if late {
-            let seen = match act {
-                None => "the arm does not come to rest".to_owned(),
-                Some(act) => format!("{} has no effect", act.name()),
-            };
-            return self.fault(FaultCode::RobotServo, seen);
-        }
-        match act {
-            // A servo that is on its way needs time, not another switch-on.
-            Some(Command::ServoOn) if readying.servo_asked => self.poll_later(now),
-            Some(act) => {
-                self.state = State::Readying(Readying {
-                    act_count: readying.act_count + 1,
-                    ..readying
-                });
-                // Ours from the asking on: the answer may get lost.
-                self.servo_is_ours |= act == Command::ServoOn;
-                self.exchange.say(now, act);
+    /// Nothing is on its way: the state is looked at now and then, and the scan job hears that somebody is here.
+    fn stand(&mut self, now: Stamp, status: Status) {
+        self.timer = Some(now.plus_ms(IDLE_POLL_MS));
+        if let Some(orders) = &mut self.orders {
+            if status.running() {
+                let beat = orders.beat();
+                self.exchange.say(now, beat);
+            } else {
+                self.fault(FaultCode::RobotJob, "the scan job has stopped by itself");
             }
-            None => self.poll_later(now),
         }
     }
 
@@ -394,90 +375,32 @@ impl Arm {
         false
     }
 
-    fn follow(&mut self, now: Stamp, status: Status) {
-        let State::Travelling(travel) = &mut self.state else {
-            return;
-        };
-        if status.running() {
-            travel.seen_running = true;
-            travel.still_count = 0;
-        } else {
-            travel.still_count += 1;
-        }
-        if travel.still_count >= STILL_COUNT {
-            return self.exchange.say(now, Command::Position);
-        }
-        if now.ms_since(travel.begun_at) >= self.settings.move_timeout_ms {
-            let seen = format!("the move has not ended after {} ms", self.settings.move_timeout_ms);
-            return self.fault(FaultCode::RobotLate, seen);
-        }
-        self.poll_later(now);
-    }
-
-    fn handle_position(&mut self, now: Stamp, position: Position) {
-        let base_from_tool = position.base_from_tool.to_isometry();
-        let settings = self.settings;
-        match &mut self.state {
-            State::Locating => {
-                self.last_pose = Some(base_from_tool);
-                self.state = State::Standing;
-                self.timer = Some(now.plus_ms(IDLE_POLL_MS));
-                self.events.push_back(ArmEvent::Ready);
-            }
-            State::Travelling(travel) => {
-                let away_mm = (base_from_tool.translation.vector - travel.target.translation.vector).norm();
-                let away_rad = base_from_tool.rotation.angle_to(&travel.target.rotation);
-                // A position given for another tool says nothing about ours; it is normal before the first move.
-                let right_tool = position.tool == i32::from(settings.tool);
-                let near = away_mm <= settings.position_tolerance_mm && away_rad <= settings.rotation_tolerance_rad;
-                self.last_pose = Some(base_from_tool);
-                if right_tool && near {
-                    self.state = State::Settling;
-                    self.timer = Some(now.plus_ms(settings.settle_ms));
-                } else if !travel.seen_running && now.ms_since(travel.accepted_at) < settings.start_grace_ms {
-                    travel.still_count = 0;
-                    self.poll_later(now);
-                } else if travel.uncertain && travel.attempt_count < MOVE_ATTEMPTS_MAX {
-                    // It stands, and not where the move would have taken it: the move was never begun. The pose is
-                    // absolute, so saying it anew cannot take the arm anywhere else.
-                    travel.attempt_count += 1;
-                    travel.uncertain = false;
-                    travel.still_count = 0;
-                    travel.accepted_at = now;
-                    let said = travel.said;
-                    self.exchange.say(now, Command::Move(said));
-                } else {
-                    let seen = if right_tool {
-                        let away_deg = away_rad.to_degrees();
-                        format!("it stands {away_mm:.3} mm and {away_deg:.4}° from the target")
-                    } else {
-                        let (found, wanted) = (position.tool, settings.tool);
-                        format!("the position is given for tool {found} instead of {wanted}")
-                    };
-                    self.fault(FaultCode::RobotElsewhere, seen);
-                }
-            }
-            _ => {}
-        }
-    }
-
-    fn handle_refusal(&mut self, now: Stamp, command: Command, added_status: u16, words: String) {
+    fn handle_refusal(&mut self, now: Stamp, command: &Command, refusal: Refusal) {
+        let words = refusal.words();
         match (command, &mut self.state) {
             (Command::HoldOn, _) => self.fault(FaultCode::RobotNotHeld, format!("hold refused: {words}")),
             (Command::ServoOff, _) => self.finish_parking(),
+            (_, State::EndingJob) => self.switch_servo_off(now),
             (_, State::Held | State::Holding { .. } | State::Parking | State::Over) => {}
-            (Command::Move(_), State::Travelling(travel)) if added_status == STILL_MOVING => {
+            (Command::Move(_), State::Travelling(travel)) if refusal.added_status == STILL_MOVING => {
                 travel.uncertain = true;
                 self.ask_status(now);
             }
-            (Command::Move(_) | Command::ServoOn, _) if added_status == ALARM_PRESENT => self.read_alarm(now),
-            (Command::ServoOn, _) => self.fault(FaultCode::RobotServo, words),
             (Command::Alarm(_), _) => self.fault(FaultCode::RobotAlarm, format!("the alarm cannot be read: {words}")),
+            (_, _) if refusal.added_status == ALARM_PRESENT => self.read_alarm(now),
+            (_, _) if HELD_BY_SOMEBODY.contains(&refusal.added_status) => {
+                self.events.push_back(ArmEvent::HeldElsewhere);
+            }
+            (Command::ServoOn, _) => self.fault(FaultCode::RobotServo, words),
+            (Command::SelectJob { job, .. }, _) if refusal.added_status == NO_SUCH_JOB => {
+                let seen = format!("the scan job {job} is not on the controller: put it there (docs/robot)");
+                self.fault(FaultCode::RobotJob, seen);
+            }
             (command, _) => self.fault(FaultCode::RobotRefused, format!("{}: {words}", command.name())),
         }
     }
 
-    fn handle_silence(&mut self, now: Stamp, command: Command) {
+    fn handle_silence(&mut self, now: Stamp, command: &Command) {
         match (command.kind(), command, &mut self.state) {
             (_, Command::HoldOn, _) => {
                 let timeout_ms = self.settings.exchange.set_timeout_ms;
@@ -485,11 +408,14 @@ impl Arm {
                 self.fault(FaultCode::RobotNotHeld, seen);
             }
             (_, Command::ServoOff, _) => self.finish_parking(),
+            (_, _, State::EndingJob) => self.switch_servo_off(now),
             (Kind::Act, Command::Move(_), State::Travelling(travel)) => {
                 travel.uncertain = true;
                 self.ask_status(now);
             }
             (Kind::Act, _, State::Readying(_)) => self.ask_status(now),
+            // The step after an act of loading finds out what came of it.
+            (Kind::Act, _, State::Loading(_)) => self.load_on(now),
             (_, Command::Alarm(_), _) => self.fault(
                 FaultCode::RobotAlarm,
                 "an alarm is active; its number could not be read",
@@ -520,6 +446,15 @@ impl Arm {
         self.timer = Some(now.plus_ms(self.settings.poll_interval_ms));
     }
 
+    fn switch_servo_off(&mut self, now: Stamp) {
+        if self.servo_is_ours {
+            self.state = State::Parking;
+            self.exchange.say(now, Command::ServoOff);
+        } else {
+            self.finish_parking();
+        }
+    }
+
     fn finish_parking(&mut self) {
         if !matches!(self.state, State::Over) {
             self.state = State::Over;
@@ -533,24 +468,12 @@ impl Arm {
         }
         self.events.push_back(ArmEvent::Fault(Fault::new(code, seen)));
     }
-
-    /// Class VR when the turn takes longer than the way, else class V; at least one unit.
-    fn speed(&self, from: &Isometry3<f64>, to: &Isometry3<f64>) -> Speed {
-        let way_s = (to.translation.vector - from.translation.vector).norm() / self.settings.speed_mm_s;
-        let turn_s = from.rotation.angle_to(&to.rotation) / self.settings.rotation_speed_rad_s;
-        let tenths = |value: f64| (value * 10.0).round().max(1.0) as u32;
-        if turn_s > way_s {
-            Speed::Turn(tenths(self.settings.rotation_speed_rad_s.to_degrees()))
-        } else {
-            Speed::ToolPoint(tenths(self.settings.speed_mm_s))
-        }
-    }
 }
 
 const IDLE_POLL_MS: u64 = 500;
-const STILL_COUNT: u32 = 2;
 const GARBLED_MAX: u32 = 3;
-const READYING_ACTS_MAX: u32 = 5;
-const MOVE_ATTEMPTS_MAX: u32 = 3;
 const STILL_MOVING: u16 = 0x2010;
 const ALARM_PRESENT: u16 = 0x2060;
+const NO_SUCH_JOB: u16 = 0x4040;
+/// Hold by pendant, panel or an external signal.
+const HELD_BY_SOMEBODY: [u16; 3] = [0x2020, 0x2030, 0x2040];

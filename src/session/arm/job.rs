@@ -1,0 +1,385 @@
+//! The scan job on the controller: loading poses, starting it, and numbered orders (`docs/robot/README.md`).
+
+use super::travel::tenths;
+use super::{Arm, State};
+use crate::fault::FaultCode;
+use crate::robot::{
+    Command, ExecutingJob, Form, Frame, JobName, PositionVariable, Speed, Status, Values, Variable, VariableKind,
+    WirePose,
+};
+use crate::stamp::Stamp;
+use std::collections::VecDeque;
+
+/// Which job, and which variables it and bladescan share.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct JobSettings {
+    /// Its name on the controller.
+    pub name: JobName,
+    /// The first of the position variables that hold the poses of the plan.
+    pub position_first: u16,
+    /// The first of the D variables of the job.
+    pub variable_first: u16,
+    /// So many turns of its waiting loop without a beat stop the job.
+    pub patience: i32,
+}
+
+/// The orders to the job: which number comes next, which pose lies where.
+#[derive(Debug)]
+pub(super) struct Orders {
+    settings: JobSettings,
+    /// The last number given out, or the one from which this start of the job goes on.
+    number: i32,
+    beat: i32,
+    /// The poses are on the controller, read back and found right.
+    poses_loaded: bool,
+    /// The job may be running because of us.
+    started: bool,
+}
+
+/// What the job and bladescan tell each other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Counters {
+    /// Number of the last order carried out.
+    pub(super) done: i32,
+    state: i32,
+}
+
+/// Putting the poses on the controller and starting the job, step by step.
+#[derive(Debug)]
+pub(super) struct Loading {
+    since: Stamp,
+    steps: VecDeque<Step>,
+    open: Option<Step>,
+    start_count: u32,
+    form: Form,
+}
+
+#[derive(Debug, Clone)]
+enum Step {
+    /// Read how far an earlier run has counted.
+    Count,
+    /// Write, then go on.
+    Write(Variable, Values),
+    /// Read back what was written, and compare.
+    Compare(Variable, Values),
+    Select,
+    /// See that the right job is selected.
+    Selected,
+    Start,
+    /// Wait until the job says that it waits for orders.
+    Waits,
+}
+
+impl Orders {
+    pub(super) fn new(settings: JobSettings) -> Self {
+        Self {
+            settings,
+            number: 1,
+            beat: 0,
+            poses_loaded: false,
+            started: false,
+        }
+    }
+
+    /// Whether `name` is the job's.
+    pub(super) fn is_of(&self, name: &str) -> bool {
+        name == self.settings.name.as_str()
+    }
+
+    /// The next order: to the pose of this index.
+    pub(super) fn next(&mut self, target_index: usize, speed: Speed) -> (i32, Command) {
+        self.number = self.number % NUMBER_MAX + 1;
+        let class = i32::from(matches!(speed, Speed::Turn(_)));
+        let position = i32::from(self.settings.position_first) + target_index as i32;
+        let command = Command::Order {
+            variable: self.settings.variable_first,
+            value: self.number * NUMBER_UNIT + class * CLASS_UNIT + position,
+        };
+        (self.number, command)
+    }
+
+    /// Somebody is here.
+    pub(super) fn beat(&mut self) -> Command {
+        self.beat = self.beat % BEAT_MAX + 1;
+        write(self.variable(BEAT), Values::Double(vec![self.beat]))
+    }
+
+    /// Reads order, done, beat and state.
+    pub(super) fn look(&self) -> Command {
+        Command::Read {
+            first: self.variable(ORDER),
+            count: 4,
+        }
+    }
+
+    /// The order that ends the job.
+    pub(super) fn order_to_end(&self) -> Command {
+        write(self.variable(ORDER), Values::Double(vec![0]))
+    }
+
+    /// The order that ends the job, if it may be running because of us.
+    pub(super) fn end_of_job(&self) -> Option<Command> {
+        self.started.then(|| self.order_to_end())
+    }
+
+    fn variable(&self, offset: u16) -> Variable {
+        Variable {
+            kind: VariableKind::Double,
+            index: self.settings.variable_first + offset,
+        }
+    }
+
+    fn position(&self, target_index: usize) -> Variable {
+        Variable {
+            kind: VariableKind::Position,
+            index: self.settings.position_first + target_index as u16,
+        }
+    }
+}
+
+impl Counters {
+    fn read(values: &Values) -> Option<Self> {
+        match values {
+            Values::Double(values) => match values.as_slice() {
+                [_, done, _, state, ..] => Some(Self {
+                    done: *done,
+                    state: *state,
+                }),
+                _ => None,
+            },
+            _ => None,
+        }
+    }
+
+    pub(super) fn words(self) -> String {
+        match self.state {
+            0 => "it has ended".into(),
+            1 => "it says that it waits for orders".into(),
+            2 => "it says that it moves".into(),
+            3 => "it no longer saw anybody here".into(),
+            4 => "it could not read the order".into(),
+            other => format!("its state is {other}"),
+        }
+    }
+}
+
+impl Arm {
+    /// The arm is ready but for the job: puts the poses there and starts it.
+    pub(super) fn load(&mut self, now: Stamp, form: Form) {
+        self.state = State::Loading(Loading {
+            since: now,
+            steps: VecDeque::from([Step::Count]),
+            open: None,
+            start_count: 0,
+            form,
+        });
+        self.load_on(now);
+    }
+
+    /// The next step of loading.
+    pub(super) fn load_on(&mut self, now: Stamp) {
+        let (State::Loading(loading), Some(orders)) = (&mut self.state, &mut self.orders) else {
+            return;
+        };
+        let Some(step) = loading.steps.pop_front() else { return };
+        loading.open = Some(step.clone());
+        let command = match step {
+            Step::Count => Command::Read {
+                first: orders.variable(ORDER),
+                count: SHARED_COUNT,
+            },
+            Step::Write(first, values) => write(first, values),
+            Step::Compare(first, values) => Command::Read {
+                first,
+                count: values.count() as u16,
+            },
+            Step::Select => Command::SelectJob {
+                job: orders.settings.name.clone(),
+                line: 0,
+            },
+            Step::Selected => Command::ExecutingJob,
+            Step::Start => {
+                orders.started = true;
+                loading.start_count += 1;
+                Command::StartJob
+            }
+            Step::Waits => return self.look_whether_the_job_waits(now),
+        };
+        self.exchange.say(now, command);
+    }
+
+    /// Variables have been read.
+    pub(super) fn handle_values(&mut self, now: Stamp, values: &Values) {
+        match &self.state {
+            State::Travelling(_) => {
+                if let Some(counters) = Counters::read(values) {
+                    self.follow_job(now, counters);
+                }
+            }
+            State::Loading(loading) => match loading.open.clone() {
+                Some(Step::Count) => self.lay_out_steps(now, values),
+                Some(Step::Compare(first, wanted)) if same(&wanted, values) => {
+                    if first.kind == VariableKind::Double
+                        && let Some(orders) = &mut self.orders
+                    {
+                        orders.poses_loaded = true;
+                    }
+                    self.load_on(now);
+                }
+                Some(Step::Compare(first, _)) => {
+                    let seen = format!("{first} and those after it do not read back as they were written");
+                    self.fault(FaultCode::RobotJob, seen);
+                }
+                Some(Step::Waits) => self.decide_waiting(now, values),
+                _ => {}
+            },
+            _ => {}
+        }
+    }
+
+    pub(super) fn handle_executing_job(&mut self, now: Stamp, selected: &ExecutingJob) {
+        match &self.state {
+            State::Readying(_) => self.decide_about_running(now, selected),
+            State::Loading(loading) if matches!(loading.open, Some(Step::Selected)) => {
+                if self.orders.as_ref().is_some_and(|orders| orders.is_of(&selected.name)) {
+                    self.load_on(now);
+                } else {
+                    let seen = format!("the job selected on the controller is {:?}", selected.name);
+                    self.fault(FaultCode::RobotJob, seen);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// How far an earlier run has counted is known: everything else can be written down.
+    fn lay_out_steps(&mut self, now: Stamp, shared: &Values) {
+        let (State::Loading(loading), Some(orders)) = (&mut self.state, &mut self.orders) else {
+            return;
+        };
+        let done = Counters::read(shared).map_or(0, |counters| counters.done);
+        // What an earlier start has left on the way is too old from here on.
+        orders.number = (done.clamp(0, NUMBER_MAX) + NUMBERS_SKIPPED) % NUMBER_MAX + 1;
+        let mut steps = Vec::new();
+        if !orders.poses_loaded {
+            let many = self.exchange.values_max(VariableKind::Position);
+            for (chunk_index, chunk) in self.targets.chunks(many).enumerate() {
+                let first = orders.position(chunk_index * many);
+                let values = chunk.iter().map(|target| PositionVariable::Cartesian {
+                    frame: Frame::Base,
+                    pose: WirePose::from_isometry(target),
+                    form: loading.form,
+                    tool: self.settings.tool,
+                });
+                steps.push((first, Values::Position(values.collect())));
+            }
+        }
+        let shared = [
+            orders.number * NUMBER_UNIT,
+            orders.number,
+            orders.beat,
+            0,
+            tenths(self.settings.speed_mm_s) as i32,
+            tenths(self.settings.rotation_speed_rad_s.to_degrees()) as i32,
+            orders.settings.patience,
+            0,
+        ];
+        let many = self.exchange.values_max(VariableKind::Double);
+        for (chunk_index, chunk) in shared.chunks(many).enumerate() {
+            let first = orders.variable((chunk_index * many) as u16);
+            steps.push((first, Values::Double(chunk.to_vec())));
+        }
+        loading.steps = steps
+            .into_iter()
+            .flat_map(|(first, values)| [Step::Write(first, values.clone()), Step::Compare(first, values)])
+            .chain([Step::Select, Step::Selected, Step::Start, Step::Waits])
+            .collect();
+        self.load_on(now);
+    }
+
+    pub(super) fn look_whether_the_job_waits(&mut self, now: Stamp) {
+        if let Some(orders) = &self.orders {
+            let look = Command::Read {
+                first: orders.variable(ORDER),
+                count: SHARED_COUNT,
+            };
+            self.exchange.say(now, look);
+        }
+    }
+
+    fn decide_waiting(&mut self, now: Stamp, values: &Values) {
+        let State::Loading(loading) = &self.state else { return };
+        let Values::Double(shared) = values else { return };
+        let (state, version) = (shared.get(usize::from(STATE)), shared.get(usize::from(JOB_VERSION)));
+        match (state, version) {
+            (Some(&WAITING), Some(&VERSION)) => self.stand_ready(now),
+            (Some(&WAITING), Some(version)) => {
+                let seen = format!("the scan job is version {version}, not {VERSION}: put the right one there");
+                self.fault(FaultCode::RobotJob, seen);
+            }
+            _ if now.ms_since(loading.since) >= self.settings.servo_timeout_ms.max(LOADING_MS_MIN) => {
+                self.fault(FaultCode::RobotJob, "the scan job does not start");
+            }
+            _ => self.ask_status(now),
+        }
+    }
+
+    /// The job does not wait for orders yet: is it running at all?
+    pub(super) fn handle_status_of_job(&mut self, now: Stamp, status: Status) {
+        if !self.watch(now, status) {
+            return;
+        }
+        let State::Loading(loading) = &mut self.state else {
+            return;
+        };
+        if !status.running() && loading.start_count < START_ATTEMPTS_MAX {
+            // Nothing is ordered, so a start that comes twice moves nothing.
+            loading.steps = VecDeque::from([Step::Start, Step::Waits]);
+            self.load_on(now);
+        } else {
+            self.poll_later(now);
+        }
+    }
+}
+
+/// Positions are compared but for the configuration, which the controller may write in its own way.
+fn same(wanted: &Values, found: &Values) -> bool {
+    let (Values::Position(wanted), Values::Position(found)) = (wanted, found) else {
+        return wanted == found;
+    };
+    wanted.len() == found.len()
+        && wanted.iter().zip(found).all(|pair| match pair {
+            (
+                PositionVariable::Cartesian { frame, pose, tool, .. },
+                PositionVariable::Cartesian {
+                    frame: found_frame,
+                    pose: found_pose,
+                    tool: found_tool,
+                    ..
+                },
+            ) => (frame, pose, tool) == (found_frame, found_pose, found_tool),
+            (wanted, found) => wanted == found,
+        })
+}
+
+fn write(first: Variable, values: Values) -> Command {
+    Command::Write { first, values }
+}
+
+/// Offsets of the shared variables.
+const ORDER: u16 = 0;
+const BEAT: u16 = 2;
+const STATE: u16 = 3;
+const JOB_VERSION: u16 = 7;
+const SHARED_COUNT: u16 = 8;
+/// The state of a job that waits for orders.
+const WAITING: i32 = 1;
+/// The version of `docs/robot/BLADESCAN.JBI` that this speaks to.
+const VERSION: i32 = 1;
+const NUMBER_UNIT: i32 = 10_000;
+const CLASS_UNIT: i32 = 1000;
+const NUMBER_MAX: i32 = 200_000;
+const NUMBERS_SKIPPED: i32 = 1000;
+const BEAT_MAX: i32 = 1_000_000_000;
+const START_ATTEMPTS_MAX: u32 = 3;
+const LOADING_MS_MIN: u64 = 30_000;
