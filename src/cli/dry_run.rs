@@ -1,11 +1,12 @@
 //! `bladescan dry-run`: the whole job on the built-in simulated cell.
 
-use super::files::{beside, builtin_station, make_run_dir, plan, read_recipe};
+use super::files::{beside, builtin_station_with, make_run_dir, plan, read_recipe};
 use super::live_run::{RunJob, runtime};
 use super::{Exit, Failure};
 use crate::run::{SimulatedCell, SimulatedError, SimulatedOptions};
 use crate::seed::Seed;
 use crate::settings::Cad;
+use clap::ValueEnum;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::time::SystemTime;
@@ -26,6 +27,12 @@ pub(super) struct Args {
     /// Simulated motion and exposure are this much faster than real; time-outs stay.
     #[arg(long, default_value_t = 20.0, value_name = "X", value_parser = parse_speed)]
     speed: f64,
+    /// What is spoken with the simulated robot.
+    #[arg(long, value_enum, default_value_t = Link::Hses)]
+    link: Link,
+    /// How the simulated robot is moved: by moves of bladescan, or by orders to the scan job on the controller.
+    #[arg(long, value_enum, default_value_t = Motion::Direct)]
+    motion: Motion,
     /// Fault to inject, KIND[=VALUE][@VIEW]; may be repeated, `bladescan sim faults` lists them.
     #[arg(long = "fault", value_name = "SPEC")]
     faults: Vec<String>,
@@ -34,9 +41,22 @@ pub(super) struct Args {
     json: bool,
 }
 
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Link {
+    Hses,
+    HostControl,
+    Serial,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Motion {
+    Direct,
+    Job,
+}
+
 pub(super) fn main(args: Args) -> Result<Exit, Failure> {
     let recipe = read_recipe(&args.recipe)?;
-    let station = builtin_station();
+    let station = builtin_station_with(&word(args.link), &word(args.motion));
     let seed = Seed(args.seed);
     let plan = plan(&recipe.meaning, &station.meaning, seed, args.views)?;
     let blade = match &recipe.meaning.cad {
@@ -48,6 +68,7 @@ pub(super) fn main(args: Args) -> Result<Exit, Failure> {
         seed: args.seed,
         blade,
         optics: recipe.meaning.camera.optics.name(),
+        serial: matches!(args.link, Link::Serial),
         base_from_camera: station.meaning.base_from_camera,
         tool_from_blade: station.meaning.tool_from_blade,
         speed: args.speed,
@@ -72,10 +93,19 @@ pub(super) fn main(args: Args) -> Result<Exit, Failure> {
                 _ => Failure::Broken(error.to_string()),
             }
         })?;
-        let exit = job.carry_out(cell.links(), &dir).await;
+        let exit = match cell.links(job.station.meaning.robot.protocol) {
+            Some(links) => job.carry_out(links, &dir).await,
+            None => Err(Failure::Broken("the simulated cell has no such link".into())),
+        };
         cell.stop().await;
         exit
     })
+}
+
+/// The word that chooses `value`, in the command line and in a station alike.
+fn word(value: impl ValueEnum) -> String {
+    let word = value.to_possible_value().expect("every choice has a word");
+    word.get_name().to_owned()
 }
 
 fn parse_speed(text: &str) -> Result<f64, String> {

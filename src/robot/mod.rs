@@ -6,6 +6,7 @@
 
 mod command;
 mod exchange;
+pub mod host;
 pub mod hses;
 mod pose;
 mod refusal;
@@ -13,7 +14,7 @@ mod reply;
 mod variable;
 
 pub use command::{AlarmClass, Command, Cycle, Kind, Move, MovePulses, Path, Speed};
-pub use exchange::{Exchange, ExchangeSettings, RobotEvent, RobotOutput};
+pub use exchange::{Exchange, ExchangeSettings, Protocol, RobotEvent, RobotOutput};
 pub use pose::WirePose;
 pub use reply::{Alarm, ExecutingJob, Position, Refusal, Reply, ReplyError, Status, SystemInformation};
 pub use variable::{Form, Frame, JobName, JobNameError, PositionVariable, Values, Variable, VariableKind};

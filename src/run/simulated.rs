@@ -4,6 +4,7 @@ use super::live::{Links, RobotPlace};
 use nalgebra::Isometry3;
 use serde::Deserialize;
 use std::io;
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::{ExitStatus, Stdio};
 use std::time::Duration;
@@ -12,6 +13,7 @@ use tokio::io::{AsyncBufReadExt as _, BufReader};
 use tokio::process::{Child, Command};
 
 use crate::geometry::fixed_xyz_from_rotation;
+use crate::settings::RobotProtocol;
 
 /// What the simulated cell is to be.
 #[derive(Debug, Clone)]
@@ -22,6 +24,8 @@ pub struct SimulatedOptions {
     pub blade: String,
     /// The lens set.
     pub optics: &'static str,
+    /// Whether it has a serial line (a pseudo-terminal).
+    pub serial: bool,
     /// Where the camera stands, mm.
     pub base_from_camera: Isometry3<f64>,
     /// How the blade is gripped, mm.
@@ -51,13 +55,16 @@ pub enum SimulatedError {
 /// A running simulated cell. It ends when its standard input does, that is, at the latest when this process dies.
 pub struct SimulatedCell {
     child: Child,
-    links: Links,
+    ready: Ready,
 }
 
+/// Where the cell listens.
 #[derive(Deserialize)]
 struct Ready {
-    hses: std::net::SocketAddr,
-    a3dp: std::net::SocketAddr,
+    hses: SocketAddr,
+    host_control: Option<SocketAddr>,
+    serial: Option<PathBuf>,
+    a3dp: SocketAddr,
 }
 
 impl SimulatedCell {
@@ -75,6 +82,7 @@ impl SimulatedCell {
             .arg(format!("--speed={}", options.speed))
             .arg("--truth")
             .arg(&options.truth)
+            .args(options.serial.then_some("--serial"))
             .args(options.faults.iter().map(|fault| format!("--fault={fault}")))
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -93,19 +101,22 @@ impl SimulatedCell {
                 _ => Err(SimulatedError::NotReady),
             };
         }
-        let ready: Ready = serde_json::from_str(&line).map_err(|_| SimulatedError::NotReady)?;
-        Ok(Self {
-            child,
-            links: Links {
-                robot: RobotPlace::Hses(ready.hses),
-                camera: ready.a3dp,
-            },
-        })
+        let ready = serde_json::from_str(&line).map_err(|_| SimulatedError::NotReady)?;
+        Ok(Self { child, ready })
     }
 
-    /// Where its devices listen.
-    pub fn links(&self) -> Links {
-        self.links.clone()
+    /// Where its devices are for someone who speaks `protocol` with the robot; `None` if the cell does not.
+    pub fn links(&self, protocol: RobotProtocol) -> Option<Links> {
+        let robot = match protocol {
+            RobotProtocol::Hses => RobotPlace::Hses(self.ready.hses),
+            RobotProtocol::HostControl => RobotPlace::HostControl(self.ready.host_control?),
+            RobotProtocol::Serial { baud } => RobotPlace::Serial {
+                device: self.ready.serial.clone()?,
+                baud,
+            },
+        };
+        let camera = self.ready.a3dp;
+        Some(Links { robot, camera })
     }
 
     /// Lets it end, so that its truth is written to the last view.

@@ -28,6 +28,11 @@ pub(super) fn arm_settings(station: &Station) -> ArmSettings {
         position_tolerance_mm: robot.position_tolerance_mm,
         rotation_tolerance_rad: robot.rotation_tolerance_rad,
         exchange: robot::ExchangeSettings {
+            protocol: match robot.protocol {
+                settings::RobotProtocol::Hses => robot::Protocol::Hses,
+                settings::RobotProtocol::HostControl => robot::Protocol::HostControl,
+                settings::RobotProtocol::Serial { .. } => robot::Protocol::Serial,
+            },
             answer_timeout_ms: ms(robot.answer_timeout_ns),
             ask_attempts: robot.ask_attempts,
             set_repeat_ms: ms(robot.hold_repeat_ns),

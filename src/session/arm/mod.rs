@@ -94,6 +94,8 @@ pub struct Arm {
     state: State,
     timer: Option<Stamp>,
     heard: bool,
+    /// Why the connection ended last, until something is heard again.
+    lost: Option<String>,
     servo_is_ours: bool,
     garbled_in_a_row: u32,
     last_pose: Option<Isometry3<f64>>,
@@ -136,6 +138,7 @@ impl Arm {
             state: State::Apart,
             timer: None,
             heard: false,
+            lost: None,
             servo_is_ours: false,
             garbled_in_a_row: 0,
             last_pose: None,
@@ -168,7 +171,7 @@ impl Arm {
         ) {
             return;
         }
-        self.exchange.forget_open();
+        self.exchange.forget_open(now);
         self.timer = None;
         if self.heard {
             self.state = State::Holding { confirmed: false };
@@ -182,7 +185,7 @@ impl Arm {
 
     /// Ends the scan job and switches servo power off if either was begun here; [`ArmEvent::Parked`] confirms.
     pub fn park(&mut self, now: Stamp) {
-        self.exchange.forget_open();
+        self.exchange.forget_open(now);
         self.timer = None;
         if let Some(end_of_job) = self.orders.as_ref().and_then(Orders::end_of_job) {
             self.state = State::EndingJob;
@@ -257,12 +260,19 @@ impl Arm {
         while let Some(event) = self.exchange.poll_event() {
             match event {
                 RobotEvent::Answered { command, reply } => {
-                    (self.heard, self.garbled_in_a_row) = (true, 0);
+                    (self.heard, self.garbled_in_a_row, self.lost) = (true, 0, None);
                     self.handle_reply(now, &command, reply);
                 }
                 RobotEvent::Refused { command, refusal } => {
                     (self.heard, self.garbled_in_a_row) = (true, 0);
                     self.handle_refusal(now, &command, refusal);
+                }
+                RobotEvent::Unsayable { command, reason } => {
+                    self.fault(FaultCode::RobotRefused, format!("{}: {reason}", command.name()));
+                }
+                RobotEvent::Lost { reason } => {
+                    self.events.push_back(ArmEvent::Dropped(format!("connection lost: {reason}")));
+                    self.lost = Some(reason);
                 }
                 RobotEvent::Unanswered { command } => self.handle_silence(now, &command),
                 RobotEvent::Dropped { reason, malformed } => {
@@ -421,6 +431,10 @@ impl Arm {
                 "an alarm is active; its number could not be read",
             ),
             (_, _, State::Held | State::Parking | State::Over) => {}
+            (_, _, _) if self.lost.is_some() => {
+                let seen = self.lost.take().unwrap_or_default();
+                self.fault(FaultCode::RobotUnreachable, seen);
+            }
             (_, command, _) => {
                 let attempts = self.settings.exchange.ask_attempts;
                 self.fault(
