@@ -183,7 +183,8 @@ impl Pair {
             }
             match output {
                 Output::Robot(RobotOutput::Bytes { bytes, .. }) => {
-                    self.servo_off_count += usize::from(bytes == robot::hses::request(&SERVO_OFF, bytes[11]).encode());
+                    self.servo_off_count +=
+                        usize::from(bytes == robot::hses::request(&SERVO_OFF, bytes[11]).unwrap().encode());
                     if !self.is_lost() {
                         self.send(LATENCY_NS, Delivery::ToRobot(bytes));
                     }

@@ -33,7 +33,7 @@ pub(crate) fn run(arguments: &GoldenArguments) -> Result<(), Box<dyn Error>> {
         let bytes = bytes(vector["hex"].as_str().ok_or("a vector without hex")?)?;
         let verdicts = match (command(name), name.starts_with("ans_")) {
             (Some((command, id)), _) => vec![
-                ("client sends it", hses::request(&command, id).encode() == bytes),
+                ("client sends it", hses::request(&command, id)?.encode() == bytes),
                 ("simulator answers it", is_answered(&command, &bytes)),
             ],
             (None, true) => match understood(name, &bytes) {
@@ -100,7 +100,7 @@ fn is_answered(command: &Command, request: &[u8]) -> bool {
         }
     };
     if matches!(command, Command::Move(_)) {
-        ask(&hses::request(&Command::ServoOn, 9).encode());
+        ask(&hses::request(&Command::ServoOn, 9).expect("it fits").encode());
     }
     let Some(answer) = ask(request).and_then(|bytes| Answer::decode(&bytes).ok()) else {
         return false;

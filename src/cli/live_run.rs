@@ -157,7 +157,7 @@ fn exit(outcome: &Outcome) -> Exit {
     }
 }
 
-fn robot_place(address: &RobotAddress, protocol: RobotProtocol) -> Result<RobotPlace, Failure> {
+pub(super) fn robot_place(address: &RobotAddress, protocol: RobotProtocol) -> Result<RobotPlace, Failure> {
     Ok(match (address, protocol) {
         (RobotAddress::Network(address), RobotProtocol::HostControl) => RobotPlace::HostControl(resolve(address)?),
         (RobotAddress::Network(address), _) => RobotPlace::Hses(resolve(address)?),
@@ -169,7 +169,7 @@ fn robot_place(address: &RobotAddress, protocol: RobotProtocol) -> Result<RobotP
     })
 }
 
-fn resolve(address: &HostPort) -> Result<SocketAddr, Failure> {
+pub(super) fn resolve(address: &HostPort) -> Result<SocketAddr, Failure> {
     (address.host.as_str(), address.port)
         .to_socket_addrs()
         .ok()

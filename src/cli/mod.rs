@@ -7,6 +7,7 @@ mod live_run;
 mod operator;
 mod register;
 mod replay;
+mod robot;
 
 use clap::{Parser, Subcommand};
 use std::io::Write as _;
@@ -42,6 +43,8 @@ enum Command {
     /// Register one cloud to another.
     #[command(after_help = "Example:\n  bladescan register view_00.ply view_01.ply --json")]
     Register(register::Args),
+    /// Look at the robot, without a run: nothing moves.
+    Robot(robot::Args),
     /// The simulated cell on its own: `sim --help` lists its commands.
     #[cfg(feature = "sim")]
     #[command(
@@ -67,6 +70,7 @@ pub fn main() -> ExitCode {
         Command::Check(args) => check::main(&args),
         Command::Replay(args) => replay::main(&args),
         Command::Register(args) => register::main(&args),
+        Command::Robot(args) => robot::main(&args),
         #[cfg(feature = "sim")]
         Command::Sim { words } => return hw_sim::cli::main_from(words.into_iter(), "bladescan sim"),
     };

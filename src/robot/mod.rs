@@ -15,6 +15,7 @@ mod variable;
 
 pub use command::{AlarmClass, Command, Cycle, Kind, Move, MovePulses, Path, Speed};
 pub use exchange::{Exchange, ExchangeSettings, Protocol, RobotEvent, RobotOutput};
+pub use hses::values_max;
 pub use pose::WirePose;
 pub use reply::{Alarm, ExecutingJob, Position, Refusal, Reply, ReplyError, Status, SystemInformation};
 pub use variable::{Form, Frame, JobName, JobNameError, PositionVariable, Values, Variable, VariableKind};

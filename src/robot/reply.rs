@@ -53,9 +53,14 @@ impl Status {
         self.data_1 & 1 << 5 != 0
     }
 
+    /// Play mode.
+    pub fn play(self) -> bool {
+        self.data_1 & 1 << 6 != 0
+    }
+
     /// Play mode and command remote: acts are accepted.
     pub fn remote(self) -> bool {
-        self.data_1 & 1 << 6 != 0 && self.data_1 & 1 << 7 != 0
+        self.play() && self.data_1 & 1 << 7 != 0
     }
 
     /// Held at the pendant or by an external signal: nobody but a person there may release it.

@@ -28,6 +28,9 @@ pub enum VariableKind {
     Text,
     /// P: a position of the robot.
     Position,
+    /// M: a register of 16 bits, unsigned, shared with the controller's ladder program; 0 to 999, of which a client
+    /// may write 0 to 559.
+    Register,
 }
 
 /// Values of one kind, in the order of their variables.
@@ -41,10 +44,12 @@ pub enum Values {
     Double(Vec<i32>),
     /// R.
     Real(Vec<f32>),
-    /// S; at most 16 bytes each.
+    /// S; at most 16 printable ASCII characters each.
     Text(Vec<String>),
     /// P.
     Position(Vec<PositionVariable>),
+    /// M.
+    Register(Vec<u16>),
 }
 
 /// The value of a P variable.
@@ -116,6 +121,43 @@ impl Values {
             Self::Real(_) => VariableKind::Real,
             Self::Text(_) => VariableKind::Text,
             Self::Position(_) => VariableKind::Position,
+            Self::Register(_) => VariableKind::Register,
+        }
+    }
+
+    /// `count` of the values, from `first` on; fewer where there are no more.
+    #[must_use]
+    pub fn slice(&self, first: usize, count: usize) -> Self {
+        fn part<T: Clone>(values: &[T], first: usize, count: usize) -> Vec<T> {
+            values.iter().skip(first).take(count).cloned().collect()
+        }
+        match self {
+            Self::Byte(values) => Self::Byte(part(values, first, count)),
+            Self::Integer(values) => Self::Integer(part(values, first, count)),
+            Self::Double(values) => Self::Double(part(values, first, count)),
+            Self::Real(values) => Self::Real(part(values, first, count)),
+            Self::Text(values) => Self::Text(part(values, first, count)),
+            Self::Position(values) => Self::Position(part(values, first, count)),
+            Self::Register(values) => Self::Register(part(values, first, count)),
+        }
+    }
+
+    /// These values, then `more` of the same kind; `more` alone if it is of another.
+    #[must_use]
+    pub fn joined(self, more: Self) -> Self {
+        fn both<T>(mut values: Vec<T>, more: Vec<T>) -> Vec<T> {
+            values.extend(more);
+            values
+        }
+        match (self, more) {
+            (Self::Byte(values), Self::Byte(more)) => Self::Byte(both(values, more)),
+            (Self::Integer(values), Self::Integer(more)) => Self::Integer(both(values, more)),
+            (Self::Double(values), Self::Double(more)) => Self::Double(both(values, more)),
+            (Self::Real(values), Self::Real(more)) => Self::Real(both(values, more)),
+            (Self::Text(values), Self::Text(more)) => Self::Text(both(values, more)),
+            (Self::Position(values), Self::Position(more)) => Self::Position(both(values, more)),
+            (Self::Register(values), Self::Register(more)) => Self::Register(both(values, more)),
+            (_, more) => more,
         }
     }
 
@@ -128,6 +170,7 @@ impl Values {
             Self::Real(values) => values.len(),
             Self::Text(values) => values.len(),
             Self::Position(values) => values.len(),
+            Self::Register(values) => values.len(),
         }
     }
 }
@@ -141,6 +184,7 @@ impl fmt::Display for Variable {
             VariableKind::Real => 'R',
             VariableKind::Text => 'S',
             VariableKind::Position => 'P',
+            VariableKind::Register => 'M',
         };
         write!(f, "{letter}{:03}", self.index)
     }

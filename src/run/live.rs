@@ -1,6 +1,7 @@
 //! A run on real sockets: the one loop around [`Controller`].
 
 use super::console::Console;
+use super::conversation::sleep_until;
 use super::journal_file::{JournalError, JournalFile};
 use super::pool::Pool;
 use super::robot_wire::RobotWire;
@@ -284,13 +285,6 @@ impl Shell<'_> {
         Stamp {
             ns: self.began.elapsed().as_nanos() as u64,
         }
-    }
-}
-
-async fn sleep_until(wake: Option<Instant>) {
-    match wake {
-        Some(wake) => tokio::time::sleep_until(wake).await,
-        None => std::future::pending().await,
     }
 }
 

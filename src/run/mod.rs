@@ -1,6 +1,7 @@
 //! The shell: sockets, timers, the pool, files and the console. It moves bytes and decides nothing.
 
 mod console;
+mod conversation;
 mod hold_on_panic;
 mod journal_file;
 mod live;
@@ -11,6 +12,7 @@ mod simulated;
 mod wires;
 
 pub use console::Console;
+pub use conversation::{Conversation, ConversationError};
 pub use journal_file::{JournalError, JournalFile, pack_file};
 pub use live::{Links, Live, LiveError, Outcome, RobotPlace, run};
 pub use pool::Pool;

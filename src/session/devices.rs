@@ -5,6 +5,22 @@ use crate::camera;
 use crate::robot;
 use crate::settings::{self, Recipe, Roi, Station};
 
+/// The times and bounds of the conversation with the station's robot.
+pub fn exchange_settings(station: &Station) -> robot::ExchangeSettings {
+    let robot = &station.robot;
+    robot::ExchangeSettings {
+        protocol: match robot.protocol {
+            settings::RobotProtocol::Hses => robot::Protocol::Hses,
+            settings::RobotProtocol::HostControl => robot::Protocol::HostControl,
+            settings::RobotProtocol::Serial { .. } => robot::Protocol::Serial,
+        },
+        answer_timeout_ms: ms(robot.answer_timeout_ns),
+        ask_attempts: robot.ask_attempts,
+        set_repeat_ms: ms(robot.hold_repeat_ns),
+        set_timeout_ms: ms(robot.hold_timeout_ns),
+    }
+}
+
 pub(super) fn arm_settings(station: &Station) -> ArmSettings {
     let robot = &station.robot;
     ArmSettings {
@@ -27,17 +43,7 @@ pub(super) fn arm_settings(station: &Station) -> ArmSettings {
         servo_timeout_ms: ms(robot.servo_timeout_ns),
         position_tolerance_mm: robot.position_tolerance_mm,
         rotation_tolerance_rad: robot.rotation_tolerance_rad,
-        exchange: robot::ExchangeSettings {
-            protocol: match robot.protocol {
-                settings::RobotProtocol::Hses => robot::Protocol::Hses,
-                settings::RobotProtocol::HostControl => robot::Protocol::HostControl,
-                settings::RobotProtocol::Serial { .. } => robot::Protocol::Serial,
-            },
-            answer_timeout_ms: ms(robot.answer_timeout_ns),
-            ask_attempts: robot.ask_attempts,
-            set_repeat_ms: ms(robot.hold_repeat_ns),
-            set_timeout_ms: ms(robot.hold_timeout_ns),
-        },
+        exchange: exchange_settings(station),
     }
 }
 

@@ -14,6 +14,7 @@ mod devices;
 mod frames;
 mod identity;
 
+pub use devices::exchange_settings;
 pub use arm::{Arm, ArmEvent, ArmSettings, JobSettings, Motion};
 
 use crate::camera::{self, CameraEvent, CameraOutput, Capture, TriggerId, Trouble};

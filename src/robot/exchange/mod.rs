@@ -7,11 +7,11 @@
 //! HSES carries both slots at once. Host control carries one transaction at a time: there a set goes next, and
 //! [`Exchange::forget_open`] cuts short what is open.
 
+mod one_by_one;
 mod wire;
 
 use super::command::{Command, Kind};
 use super::reply::{Refusal, Reply};
-use super::variable::VariableKind;
 use crate::stamp::{Stamp, earlier};
 use std::collections::VecDeque;
 use wire::{Heard, Outcome, Wire};
@@ -159,11 +159,6 @@ impl Exchange {
             self.waiting.push_back(command);
         }
         self.go_on(now);
-    }
-
-    /// How many variables of a kind one request carries.
-    pub fn values_max(&self, kind: VariableKind) -> usize {
-        self.wire.values_max(kind)
     }
 
     /// Forgets every ask and act that has not been sent, and stops waiting for the open one (a late answer is dropped).

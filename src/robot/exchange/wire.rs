@@ -1,11 +1,11 @@
 //! What carries the conversation: datagrams of HSES, or a link of host control.
 
+use super::one_by_one::OneByOne;
 use super::{ExchangeSettings, Protocol, RobotOutput, Slot};
 use crate::robot::command::Command;
 use crate::robot::host::{HostLink, LinkEvent, LinkOutput, SerialLink, SerialSettings, TcpLink, TcpSettings};
 use crate::robot::hses::{self, Answer};
 use crate::robot::reply::{Refusal, Reply};
-use crate::robot::variable::VariableKind;
 use crate::stamp::Stamp;
 use std::collections::VecDeque;
 
@@ -24,8 +24,15 @@ enum Carrier {
     /// One transaction at a time: that of the slot being served.
     Host {
         link: Box<dyn HostLink>,
-        serving: Option<Slot>,
+        serving: Option<Serving>,
     },
+}
+
+/// The slot whose command is on its way.
+#[derive(Debug)]
+struct Serving {
+    slot: Slot,
+    parts: OneByOne,
 }
 
 /// What has come over the wire.
@@ -67,7 +74,7 @@ impl Wire {
     pub(super) fn is_free(&self) -> bool {
         match &self.carrier {
             Carrier::Hses { .. } => true,
-            Carrier::Host { link, .. } => link.is_idle(),
+            Carrier::Host { link, serving } => serving.is_none() && link.is_idle(),
         }
     }
 
@@ -81,13 +88,6 @@ impl Wire {
         match &self.carrier {
             Carrier::Hses { .. } => 0,
             Carrier::Host { .. } => HOST_PAUSE_MS,
-        }
-    }
-
-    pub(super) fn values_max(&self, kind: VariableKind) -> usize {
-        match &self.carrier {
-            Carrier::Hses { .. } => hses::values_max(kind),
-            Carrier::Host { .. } => 1,
         }
     }
 
@@ -106,8 +106,10 @@ impl Wire {
                 Ok(id)
             }
             Carrier::Host { link, serving } => {
-                link.say(now, command).map_err(|error| error.to_string())?;
-                *serving = Some(slot);
+                let mut parts = OneByOne::new(command);
+                let part = parts.next().ok_or("nothing to read or write")?;
+                link.say(now, &part).map_err(|error| error.to_string())?;
+                *serving = Some(Serving { slot, parts });
                 Ok(0)
             }
         }
@@ -122,11 +124,11 @@ impl Wire {
     }
 
     pub(super) fn handle_connected(&mut self, now: Stamp) {
-        self.host(|link| link.handle_connected(now));
+        self.host(now, |link| link.handle_connected(now));
     }
 
     pub(super) fn handle_closed(&mut self, now: Stamp, reason: &str) {
-        self.host(|link| link.handle_closed(now, reason));
+        self.host(now, |link| link.handle_closed(now, reason));
     }
 
     /// `sent` is what is on its way in the two slots, the safe one first, with its ids.
@@ -134,12 +136,12 @@ impl Wire {
         if self.is_timed_here() {
             self.handle_datagram(bytes, sent);
         } else {
-            self.host(|link| link.handle_bytes(now, bytes));
+            self.host(now, |link| link.handle_bytes(now, bytes));
         }
     }
 
     pub(super) fn handle_wake(&mut self, now: Stamp) {
-        self.host(|link| link.handle_wake(now));
+        self.host(now, |link| link.handle_wake(now));
     }
 
     pub(super) fn wake_at(&self) -> Option<Stamp> {
@@ -202,14 +204,22 @@ impl Wire {
     }
 
     /// Lets the link of host control do something, and takes what it has heard.
-    fn host(&mut self, act: impl FnOnce(&mut dyn HostLink)) {
+    fn host(&mut self, now: Stamp, act: impl FnOnce(&mut dyn HostLink)) {
         let Carrier::Host { link, serving } = &mut self.carrier else {
             return;
         };
         act(link.as_mut());
         while let Some(event) = link.poll_event() {
             let outcome = match event {
-                LinkEvent::Answered(reply) => Outcome::Answered(reply),
+                LinkEvent::Answered(reply) => {
+                    let Some(Serving { parts, .. }) = serving else { continue };
+                    match (parts.take(reply), parts.next()) {
+                        (Some(whole), _) => Outcome::Answered(whole),
+                        // What was said of the first part can be said of the others.
+                        (None, Some(part)) if link.say(now, &part).is_ok() => continue,
+                        (None, _) => Outcome::Silent,
+                    }
+                }
                 LinkEvent::Refused(refusal) => Outcome::Refused(refusal),
                 LinkEvent::Unanswered => Outcome::Silent,
                 LinkEvent::Dropped { reason, malformed } => {
@@ -223,7 +233,7 @@ impl Wire {
                 // Files are not part of this conversation.
                 LinkEvent::Received { .. } | LinkEvent::Progress { .. } => continue,
             };
-            if let Some(slot) = serving.take() {
+            if let Some(Serving { slot, .. }) = serving.take() {
                 self.heard.push_back(Heard::Of(slot, outcome));
             }
         }

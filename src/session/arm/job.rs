@@ -5,7 +5,7 @@ use super::{Arm, State};
 use crate::fault::FaultCode;
 use crate::robot::{
     Command, ExecutingJob, Form, Frame, JobName, PositionVariable, Speed, Status, Values, Variable, VariableKind,
-    WirePose,
+    WirePose, values_max,
 };
 use crate::stamp::Stamp;
 use std::collections::VecDeque;
@@ -41,7 +41,7 @@ pub(super) struct Orders {
 pub(super) struct Counters {
     /// Number of the last order carried out.
     pub(super) done: i32,
-    state: i32,
+    state: Option<i32>,
 }
 
 /// Putting the poses on the controller and starting the job, step by step.
@@ -104,11 +104,15 @@ impl Orders {
         write(self.variable(BEAT), Values::Double(vec![self.beat]))
     }
 
-    /// Reads order, done, beat and state.
-    pub(super) fn look(&self) -> Command {
+    /// Reads what is done, and the state as well if the job has `stopped`.
+    pub(super) fn look(&self, stopped: bool) -> Command {
+        self.read(DONE, if stopped { 3 } else { 1 })
+    }
+
+    fn read(&self, offset: u16, count: u16) -> Command {
         Command::Read {
-            first: self.variable(ORDER),
-            count: 4,
+            first: self.variable(offset),
+            count,
         }
     }
 
@@ -141,24 +145,30 @@ impl Counters {
     fn read(values: &Values) -> Option<Self> {
         match values {
             Values::Double(values) => match values.as_slice() {
-                [_, done, _, state, ..] => Some(Self {
+                [done, rest @ ..] => Some(Self {
                     done: *done,
-                    state: *state,
+                    state: rest.get(1).copied(),
                 }),
-                _ => None,
+                [] => None,
             },
             _ => None,
         }
     }
 
+    /// Whether the state was read as well.
+    pub(super) fn is_whole(self) -> bool {
+        self.state.is_some()
+    }
+
     pub(super) fn words(self) -> String {
         match self.state {
-            0 => "it has ended".into(),
-            1 => "it says that it waits for orders".into(),
-            2 => "it says that it moves".into(),
-            3 => "it no longer saw anybody here".into(),
-            4 => "it could not read the order".into(),
-            other => format!("its state is {other}"),
+            Some(0) => "it has ended".into(),
+            Some(1) => "it says that it waits for orders".into(),
+            Some(2) => "it says that it moves".into(),
+            Some(3) => "it no longer saw anybody here".into(),
+            Some(4) => "it could not read the order".into(),
+            Some(other) => format!("its state is {other}"),
+            None => "its state is not known".into(),
         }
     }
 }
@@ -184,10 +194,7 @@ impl Arm {
         let Some(step) = loading.steps.pop_front() else { return };
         loading.open = Some(step.clone());
         let command = match step {
-            Step::Count => Command::Read {
-                first: orders.variable(ORDER),
-                count: SHARED_COUNT,
-            },
+            Step::Count => orders.read(DONE, 1),
             Step::Write(first, values) => write(first, values),
             Step::Compare(first, values) => Command::Read {
                 first,
@@ -262,7 +269,7 @@ impl Arm {
         orders.number = (done.clamp(0, NUMBER_MAX) + NUMBERS_SKIPPED) % NUMBER_MAX + 1;
         let mut steps = Vec::new();
         if !orders.poses_loaded {
-            let many = self.exchange.values_max(VariableKind::Position);
+            let many = values_max(VariableKind::Position);
             for (chunk_index, chunk) in self.targets.chunks(many).enumerate() {
                 let first = orders.position(chunk_index * many);
                 let values = chunk.iter().map(|target| PositionVariable::Cartesian {
@@ -284,11 +291,7 @@ impl Arm {
             orders.settings.patience,
             0,
         ];
-        let many = self.exchange.values_max(VariableKind::Double);
-        for (chunk_index, chunk) in shared.chunks(many).enumerate() {
-            let first = orders.variable((chunk_index * many) as u16);
-            steps.push((first, Values::Double(chunk.to_vec())));
-        }
+        steps.push((orders.variable(ORDER), Values::Double(shared.to_vec())));
         loading.steps = steps
             .into_iter()
             .flat_map(|(first, values)| [Step::Write(first, values.clone()), Step::Compare(first, values)])
@@ -299,10 +302,7 @@ impl Arm {
 
     pub(super) fn look_whether_the_job_waits(&mut self, now: Stamp) {
         if let Some(orders) = &self.orders {
-            let look = Command::Read {
-                first: orders.variable(ORDER),
-                count: SHARED_COUNT,
-            };
+            let look = orders.read(STATE, JOB_VERSION - STATE + 1);
             self.exchange.say(now, look);
         }
     }
@@ -310,8 +310,7 @@ impl Arm {
     fn decide_waiting(&mut self, now: Stamp, values: &Values) {
         let State::Loading(loading) = &self.state else { return };
         let Values::Double(shared) = values else { return };
-        let (state, version) = (shared.get(usize::from(STATE)), shared.get(usize::from(JOB_VERSION)));
-        match (state, version) {
+        match (shared.first(), shared.last()) {
             (Some(&WAITING), Some(&VERSION)) => self.stand_ready(now),
             (Some(&WAITING), Some(version)) => {
                 let seen = format!("the scan job is version {version}, not {VERSION}: put the right one there");
@@ -368,10 +367,10 @@ fn write(first: Variable, values: Values) -> Command {
 
 /// Offsets of the shared variables.
 const ORDER: u16 = 0;
+const DONE: u16 = 1;
 const BEAT: u16 = 2;
 const STATE: u16 = 3;
 const JOB_VERSION: u16 = 7;
-const SHARED_COUNT: u16 = 8;
 /// The state of a job that waits for orders.
 const WAITING: i32 = 1;
 /// The version of `docs/robot/BLADESCAN.JBI` that this speaks to.

@@ -271,7 +271,8 @@ impl Arm {
                     self.fault(FaultCode::RobotRefused, format!("{}: {reason}", command.name()));
                 }
                 RobotEvent::Lost { reason } => {
-                    self.events.push_back(ArmEvent::Dropped(format!("connection lost: {reason}")));
+                    self.events
+                        .push_back(ArmEvent::Dropped(format!("connection lost: {reason}")));
                     self.lost = Some(reason);
                 }
                 RobotEvent::Unanswered { command } => self.handle_silence(now, &command),

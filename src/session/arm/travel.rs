@@ -73,7 +73,7 @@ impl Arm {
         let stands = travel.still_count >= STILL_COUNT;
         match (travel.said, &self.orders) {
             (Said::Order(_), Some(orders)) => {
-                let look = orders.look();
+                let look = orders.look(stands);
                 self.exchange.say(now, look);
             }
             _ if stands => self.exchange.say(now, Command::Position),
@@ -90,7 +90,7 @@ impl Arm {
         if counters.done == number {
             return self.exchange.say(now, Command::Position);
         }
-        if travel.still_count >= STILL_COUNT {
+        if travel.still_count >= STILL_COUNT && counters.is_whole() {
             let seen = format!("the scan job stopped before the pose was reached: {}", counters.words());
             return self.fault(FaultCode::RobotJob, seen);
         }
