@@ -1,10 +1,12 @@
 //! HSES: the High-Speed Ethernet Server over UDP (`docs/protocols/hses.md`).
 
+mod files;
 mod layout;
 mod reply;
 mod request;
 mod wire;
 
+pub use files::{FILE_BLOCK_BYTES, FILE_BLOCKS_MAX, FileEvent, FileSettings, Files, FilesBusy};
 pub use reply::reply;
 pub use request::{RequestError, request};
 pub use wire::{
