@@ -14,4 +14,6 @@ pub use wire::{
 };
 
 #[cfg(test)]
+mod properties;
+#[cfg(test)]
 mod tests;
