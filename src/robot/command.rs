@@ -25,6 +25,8 @@ pub enum Command {
     ExecutingJob,
     /// Read what the controller is.
     SystemInformation,
+    /// Read the names of the jobs (host control; HSES has them as files).
+    JobNames,
     /// Read variables of one kind, `count` of them from `first` on.
     Read {
         /// The first.
@@ -61,6 +63,11 @@ pub enum Command {
         job: JobName,
         /// 0 to 9999.
         line: u32,
+    },
+    /// Delete a job (host control; HSES has it as a file).
+    DeleteJob {
+        /// Its name, without extension.
+        job: JobName,
     },
     /// Start the selected job, or go on with a stopped one.
     StartJob,
@@ -200,6 +207,7 @@ impl Command {
             | Self::Pulses
             | Self::ExecutingJob
             | Self::SystemInformation
+            | Self::JobNames
             | Self::Read { .. }
             | Self::ReadSignals { .. }
             | Self::ShowText(_)
@@ -212,6 +220,7 @@ impl Command {
             | Self::ErrorCancel
             | Self::SetCycle(_)
             | Self::SelectJob { .. }
+            | Self::DeleteJob { .. }
             | Self::StartJob
             | Self::WriteSignals { .. }
             | Self::Move(_)
@@ -229,6 +238,7 @@ impl Command {
             Self::Pulses => "axes",
             Self::ExecutingJob => "executing job",
             Self::SystemInformation => "system information",
+            Self::JobNames => "names of jobs",
             Self::Read { .. } => "read variable",
             Self::ReadSignals { .. } => "read signals",
             Self::HoldOn => "hold on",
@@ -240,6 +250,7 @@ impl Command {
             Self::SetCycle(_) => "cycle",
             Self::ShowText(_) => "text on the pendant",
             Self::SelectJob { .. } => "job select",
+            Self::DeleteJob { .. } => "deletion of a job",
             Self::StartJob => "job start",
             Self::Write { .. } => "write variable",
             Self::Order { .. } => "order to the job",

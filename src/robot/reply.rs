@@ -20,6 +20,8 @@ pub enum Reply {
     ExecutingJob(ExecutingJob),
     /// To [`Command::SystemInformation`](super::Command::SystemInformation).
     SystemInformation(SystemInformation),
+    /// To [`Command::JobNames`](super::Command::JobNames), without extension.
+    JobNames(Vec<String>),
     /// To [`Command::Read`](super::Command::Read).
     Values(Values),
     /// To [`Command::ReadSignals`](super::Command::ReadSignals), eight signals a byte.

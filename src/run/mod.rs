@@ -2,6 +2,7 @@
 
 mod console;
 mod conversation;
+mod file_transfer;
 mod hold_on_panic;
 mod journal_file;
 mod live;
@@ -13,6 +14,7 @@ mod wires;
 
 pub use console::Console;
 pub use conversation::{Conversation, ConversationError};
+pub use file_transfer::{TransferError, Transferred, transfer};
 pub use journal_file::{JournalError, JournalFile, pack_file};
 pub use live::{Links, Live, LiveError, Outcome, RobotPlace, run};
 pub use pool::Pool;

@@ -14,8 +14,8 @@ mod devices;
 mod frames;
 mod identity;
 
-pub use devices::exchange_settings;
 pub use arm::{Arm, ArmEvent, ArmSettings, JobSettings, Motion};
+pub use devices::exchange_settings;
 
 use crate::camera::{self, CameraEvent, CameraOutput, Capture, TriggerId, Trouble};
 use crate::event::{Ending, Event, HoldBy};

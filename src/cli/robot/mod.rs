@@ -6,12 +6,12 @@ mod position;
 mod status;
 mod watch;
 
-use super::files::{Read, builtin_station, read_station};
+use super::files::{builtin_station, read_station};
 use super::live_run::{resolve, robot_place, runtime};
 use super::{Exit, Failure};
 use crate::run::{Conversation, ConversationError, RobotPlace};
 use crate::session::exchange_settings;
-use crate::settings::{HostPort, RobotAddress, RobotProtocol, Station, Target};
+use crate::settings::{HostPort, RobotProtocol, Station, Target};
 use clap::Subcommand;
 use std::path::PathBuf;
 
@@ -99,7 +99,12 @@ impl Place {
         }
         .meaning;
         let place = match (self, &station.target) {
-            (Self { hses: Some(address), .. }, _) => RobotPlace::Hses(resolve(address)?),
+            (
+                Self {
+                    hses: Some(address), ..
+                },
+                _,
+            ) => RobotPlace::Hses(resolve(address)?),
             (
                 Self {
                     host_control: Some(address),
@@ -107,7 +112,12 @@ impl Place {
                 },
                 _,
             ) => RobotPlace::HostControl(resolve(address)?),
-            (Self { serial: Some(device), .. }, _) => RobotPlace::Serial {
+            (
+                Self {
+                    serial: Some(device), ..
+                },
+                _,
+            ) => RobotPlace::Serial {
                 device: device.clone(),
                 baud: self.baud,
             },

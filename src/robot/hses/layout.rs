@@ -1,4 +1,4 @@
-//! How values stand in frames: command numbers, widths, and how many one frame carries (section 5 of the page).
+//! How values stand in frames: command numbers, widths, and how many one frame carries (`docs/protocols/hses.md`, section 10).
 
 use crate::robot::variable::VariableKind;
 

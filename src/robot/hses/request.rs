@@ -35,6 +35,9 @@ pub enum RequestError {
         /// Length of the field.
         bytes_max: usize,
     },
+    /// HSES keeps jobs as files, at another port.
+    #[error("HSES has no command for: {0}; jobs are files there")]
+    File(&'static str),
     /// A line that a job cannot begin at.
     #[error("line {0} is beyond 9999")]
     Line(u32),
@@ -85,6 +88,7 @@ pub fn request(command: &Command, id: u8) -> Result<Request, RequestError> {
         Command::ServoOff => (0x83, 2, 1, Service::SetOne, word(2)),
         Command::SetCycle(cycle) => (0x84, 2, 1, Service::SetOne, word(cycle_number(*cycle))),
         Command::ShowText(shown) => (0x85, 1, 1, Service::SetOne, padded(text(shown, 30)?, 32)),
+        Command::JobNames | Command::DeleteJob { .. } => return Err(RequestError::File(command.name())),
         Command::StartJob => (0x86, 1, 1, Service::SetOne, word(1)),
         Command::SelectJob { job, line } => (0x87, 1, 0, Service::SetAll, selection(job, *line)?),
         Command::Move(target) => (0x8A, path(target.path), 1, Service::SetAll, cartesian(target)),

@@ -306,7 +306,7 @@ impl Arm {
             (_, Reply::ExecutingJob(job)) => self.handle_executing_job(now, &job),
             (_, Reply::Done) => self.handle_done(now, command),
             // Asked for by nobody here.
-            (_, Reply::Pulses(_) | Reply::Signals(_)) => {}
+            (_, Reply::Pulses(_) | Reply::Signals(_) | Reply::JobNames(_)) => {}
         }
     }
 

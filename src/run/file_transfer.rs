@@ -1,0 +1,203 @@
+//! One file to or from the controller, outside of a run.
+
+use super::conversation::sleep_until;
+use super::live::RobotPlace;
+use super::wires::{self, Place};
+use crate::controller::Input;
+use crate::robot::host::{FileRequest, LinkEvent, LinkOutput, SerialLink, SerialSettings};
+use crate::robot::hses::{FileEvent, FileSettings, Files};
+use crate::robot::{FileCommand, FileContent, FileName, JobName, Refusal, RobotOutput};
+use crate::stamp::Stamp;
+use std::net::SocketAddr;
+use std::time::Duration;
+use thiserror::Error;
+use tokio::net::UdpSocket;
+use tokio::sync::mpsc;
+use tokio::time::Instant;
+
+/// Why a file has not gone its way. Of a file that was to go to the controller nothing is known then: look at the list.
+#[derive(Debug, Error)]
+pub enum TransferError {
+    /// A socket of ours, or the serial line.
+    #[error("{0}")]
+    Wire(String),
+    /// The robot said no.
+    #[error("{what}: {words}")]
+    Refused {
+        /// What was asked.
+        what: &'static str,
+        /// Why not, and what to do.
+        words: String,
+    },
+    /// Nobody answered.
+    #[error("{0}: no answer")]
+    Unanswered(&'static str),
+    /// The controller's file is larger than any that is taken.
+    #[error("{0}: the file is too large to be a job")]
+    TooLarge(&'static str),
+    /// The name is not that of a job.
+    #[error("over a serial line only jobs go: {0}")]
+    NoJob(FileName),
+    /// Host control over TCP knows no files.
+    #[error("host control over TCP has no words for {0}: use HSES or the serial line")]
+    Unsayable(&'static str),
+}
+
+/// What came of a file command.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Transferred {
+    /// The names, as the controller writes them.
+    Names(Vec<String>),
+    /// The file's bytes.
+    Content(Vec<u8>),
+    /// Carried out.
+    Done,
+}
+
+/// Asks for one thing about files. `file_port` is HSES' port for files; only it knows lists and deletion here.
+///
+/// # Errors
+///
+/// The controller refuses, nobody answers, or what is spoken has no words for it.
+pub async fn transfer(
+    place: &RobotPlace,
+    file_port: Option<SocketAddr>,
+    settings: FileSettings,
+    command: FileCommand,
+) -> Result<Transferred, TransferError> {
+    match place {
+        RobotPlace::Hses(address) => {
+            let mut port = *address;
+            // The file port stands beside the robot's: 10041 and 10040.
+            port.set_port(address.port().wrapping_add(1));
+            over_hses(file_port.unwrap_or(port), settings, command).await
+        }
+        RobotPlace::Serial { device, baud } => {
+            let place = Place::Serial {
+                device: device.clone(),
+                baud: *baud,
+            };
+            over_serial(place, command).await
+        }
+        RobotPlace::HostControl(_) => Err(TransferError::Unsayable(command.name())),
+    }
+}
+
+async fn over_hses(
+    address: SocketAddr,
+    settings: FileSettings,
+    command: FileCommand,
+) -> Result<Transferred, TransferError> {
+    let wire = |error: std::io::Error| TransferError::Wire(format!("{address}: {error}"));
+    let local: SocketAddr = if address.is_ipv4() {
+        ([0, 0, 0, 0], 0).into()
+    } else {
+        ([0u16; 8], 0).into()
+    };
+    let socket = UdpSocket::bind(local).await.map_err(wire)?;
+    socket.connect(address).await.map_err(wire)?;
+    let began = Instant::now();
+    let mut files = Files::new(settings);
+    files.begin(Stamp::START, command).expect("nothing is open yet");
+    let mut datagram = vec![0u8; DATAGRAM_BYTES];
+    loop {
+        while let Some(output) = files.poll_output() {
+            if let RobotOutput::Bytes { bytes, .. } = output {
+                // What is wrong is heard from the receiving side.
+                socket.send(&bytes).await.ok();
+            }
+        }
+        while let Some(event) = files.poll_event() {
+            if let Some(result) = result_of(event) {
+                return result;
+            }
+        }
+        let wake = files.wake_at().map(|stamp| began + Duration::from_nanos(stamp.ns));
+        tokio::select! {
+            received = socket.recv(&mut datagram) => {
+                let length = received.map_err(wire)?;
+                files.handle_datagram(stamp(began), &datagram[..length]);
+            }
+            () = sleep_until(wake) => files.handle_wake(stamp(began)),
+        }
+    }
+}
+
+fn result_of(event: FileEvent) -> Option<Result<Transferred, TransferError>> {
+    Some(match event {
+        FileEvent::Listed { names, .. } => Ok(Transferred::Names(names)),
+        FileEvent::Saved { content, .. } => Ok(Transferred::Content(content)),
+        FileEvent::Loaded { .. } | FileEvent::Deleted { .. } => Ok(Transferred::Done),
+        FileEvent::Refused { command, refusal } => Err(refused(command.name(), refusal)),
+        FileEvent::Unanswered { command } => Err(TransferError::Unanswered(command.name())),
+        FileEvent::TooLarge { command } => Err(TransferError::TooLarge(command.name())),
+        FileEvent::Dropped { .. } => return None,
+    })
+}
+
+async fn over_serial(place: Place, command: FileCommand) -> Result<Transferred, TransferError> {
+    let what = command.name();
+    let request = match command {
+        FileCommand::Save(name) => FileRequest::Get { job: job_of(name)? },
+        FileCommand::Load { name, content } => FileRequest::Put {
+            job: job_of(name)?,
+            text: FileContent::as_bytes(&content).to_vec(),
+        },
+        FileCommand::List(_) | FileCommand::Delete(_) => return Err(TransferError::Unsayable(what)),
+    };
+    let (news_sender, mut news) = mpsc::channel(NEWS_MAX);
+    let outgoing = wires::open(place, wires::ROBOT, news_sender);
+    let began = Instant::now();
+    let mut link = SerialLink::new(SerialSettings::default());
+    link.transfer(Stamp::START, &request)
+        .map_err(|error| TransferError::Wire(error.to_string()))?;
+    loop {
+        while let Some(output) = link.poll_output() {
+            if let LinkOutput::Bytes { bytes, .. } = output {
+                outgoing.send(bytes).await.ok();
+            }
+        }
+        while let Some(event) = link.poll_event() {
+            match event {
+                LinkEvent::Answered(_) => return Ok(Transferred::Done),
+                LinkEvent::Received { text, .. } => return Ok(Transferred::Content(text)),
+                LinkEvent::Refused(refusal) => return Err(refused(what, refusal)),
+                LinkEvent::Unanswered => return Err(TransferError::Unanswered(what)),
+                LinkEvent::Progress { .. } | LinkEvent::Dropped { .. } | LinkEvent::Lost { .. } => {}
+            }
+        }
+        let wake = link.wake_at().map(|stamp| began + Duration::from_nanos(stamp.ns));
+        tokio::select! {
+            input = news.recv() => match input {
+                Some(Input::RobotBytes(bytes)) => link.handle_bytes(stamp(began), &bytes),
+                Some(Input::RobotClosed { reason }) => return Err(TransferError::Wire(reason)),
+                Some(_) => {}
+                None => return Err(TransferError::Wire("the serial line has ended".into())),
+            },
+            () = sleep_until(wake) => link.handle_wake(stamp(began)),
+        }
+    }
+}
+
+fn job_of(name: FileName) -> Result<JobName, TransferError> {
+    name.as_str()
+        .strip_suffix(".JBI")
+        .and_then(|stem| JobName::parse(stem).ok())
+        .ok_or(TransferError::NoJob(name))
+}
+
+fn refused(what: &'static str, refusal: Refusal) -> TransferError {
+    TransferError::Refused {
+        what,
+        words: refusal.words(),
+    }
+}
+
+fn stamp(began: Instant) -> Stamp {
+    Stamp {
+        ns: began.elapsed().as_nanos() as u64,
+    }
+}
+
+const DATAGRAM_BYTES: usize = 2048;
+const NEWS_MAX: usize = 32;
