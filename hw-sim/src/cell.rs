@@ -138,6 +138,8 @@ impl Cell {
             speed: scene.speed,
             seed: scene.seed,
             faults: scene.faults.clone(),
+            jobs: scene.jobs.clone(),
+            options: scene.robot_options.clone(),
         });
         let camera = Device::new(DeviceSettings {
             optics: scene.optics,
