@@ -215,7 +215,7 @@ impl OrderedSpeed {
 /// The form that the arm is always in, as on the protocol page's vector.
 pub const FORM: i32 = 4;
 /// Bit of the form that says it is to be reached.
-const FORM_IS_GIVEN: i32 = 0x80;
+pub const FORM_IS_GIVEN: i32 = 0x80;
 /// Coordinate codes.
 pub const COORDINATE_BASE: i32 = 16;
 /// The robot's own frame: that of the base, as there is no base axis.

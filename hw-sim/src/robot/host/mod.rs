@@ -1,7 +1,11 @@
 //! Host control: commands in text, over TCP port 80 and over a serial line, carried out by one interpreter.
 
+mod arguments;
 pub mod bsc;
+pub mod interpreter;
+pub mod serial;
 pub mod tcp;
+mod variable;
 
 /// A command of the host, as a link has received it.
 #[derive(Clone, Debug, PartialEq, Eq)]
