@@ -6,9 +6,11 @@
 pub mod alarms;
 pub mod axes;
 pub mod controller;
+pub mod files;
 pub mod hses;
 mod hses_commands;
 pub mod io;
+pub mod job;
 pub mod motion;
 pub mod moves;
 pub mod pose;
