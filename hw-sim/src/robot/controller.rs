@@ -11,8 +11,10 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::fault::Fault;
 use crate::robot::alarms::{Alarm, AlarmBook, CODE_ESTOP};
+use crate::robot::files::{Files, SIMULATED, SIMULATED_TEXT};
 use crate::robot::hses::Request;
 use crate::robot::io::Signals;
+use crate::robot::job::run::Playback;
 use crate::robot::motion::Motion;
 use crate::robot::pose::Pose;
 pub use crate::robot::settings::{Options, Settings};
@@ -36,6 +38,8 @@ pub struct Controller {
     pub(super) last_active_ns: u64,
     pub(super) variables: Variables,
     pub(super) signals: Signals,
+    pub(super) files: Files,
+    pub(super) playback: Playback,
     pub(super) pendant_text: Vec<u8>,
     clock_ns: u64,
     answer_count: u64,
@@ -139,14 +143,16 @@ pub(super) enum Incident {
 enum Due {
     Incident(usize),
     MotionEnd,
+    Job,
     ServoSleep,
 }
 
 impl Controller {
-    /// Controller at home.
+    /// Controller at home, with the jobs of its settings and one called SIMULATED. A job that is none is told as a
+    /// violation.
     pub fn new(settings: Settings) -> Self {
         let options = &settings.options;
-        Self {
+        let mut controller = Self {
             switches: Switches {
                 is_playing: true,
                 is_remote_key: !settings.faults.contains(&Fault::RemoteOff),
@@ -171,12 +177,22 @@ impl Controller {
             last_active_ns: 0,
             variables: Variables::new(options.scalar_variable_count, options.position_variable_count),
             signals: Signals::default(),
+            files: Files::default(),
+            playback: Playback::default(),
             pendant_text: Vec::new(),
             clock_ns: 0,
             answer_count: 0,
             outputs: VecDeque::new(),
             settings,
+        };
+        let jobs = controller.settings.jobs.clone();
+        let simulated = (SIMULATED.to_owned(), SIMULATED_TEXT.to_owned());
+        for (name, text) in jobs.iter().chain([&simulated]) {
+            if let Err(error) = controller.install_job(name, text.as_bytes()) {
+                controller.violation(format!("job {name} of the settings: {error}"));
+            }
         }
+        controller
     }
 
     /// Takes one datagram of the robot port. A malformed one is told and not answered.
@@ -185,8 +201,7 @@ impl Controller {
         let request = match Request::parse(datagram) {
             Ok(request) => request,
             Err(malformed) => {
-                self.outputs
-                    .push_back(RobotOutput::Violation(format!("hses from {from}: {malformed}")));
+                self.violation(format!("hses from {from}: {malformed}"));
                 return;
             }
         };
@@ -251,7 +266,7 @@ impl Controller {
     /// Where the arm is, `base_from_tool`; exactly what it reports.
     pub fn pose(&mut self, now_ns: u64) -> Pose {
         self.advance(now_ns);
-        self.motion.as_ref().map_or(self.pose, |motion| motion.pose(now_ns))
+        self.standing(now_ns)
     }
 
     /// Whether the arm is moving.
@@ -272,6 +287,7 @@ impl Controller {
 
     /// Lets everything happen that is due, in the order of time; at one time in the order of [`Due`].
     pub(super) fn advance(&mut self, now_ns: u64) {
+        self.wake_job(self.clock_ns);
         while let Some((at_ns, due)) = self.next_due().filter(|(at_ns, _)| *at_ns <= now_ns) {
             let at_ns = at_ns.max(self.clock_ns);
             self.clock_ns = at_ns;
@@ -280,7 +296,11 @@ impl Controller {
                     let (_, incident) = self.incidents.remove(index);
                     self.befall(at_ns, incident);
                 }
-                Due::MotionEnd => self.end_motion(at_ns),
+                Due::MotionEnd => {
+                    self.end_motion(at_ns);
+                    self.job_move_done(at_ns);
+                }
+                Due::Job => self.step_job(at_ns),
                 Due::ServoSleep => self.servo_off(at_ns),
             }
         }
@@ -291,10 +311,11 @@ impl Controller {
         let incident = self.incidents.iter().enumerate().min_by_key(|(_, (at_ns, _))| *at_ns);
         let incident = incident.map(|(index, (at_ns, _))| (*at_ns, Due::Incident(index)));
         let motion_end = self.motion.as_ref().map(|motion| (motion.end_ns(), Due::MotionEnd));
+        let job = self.job_due_ns().map(|at_ns| (at_ns, Due::Job));
         let sleeps = self.switches.is_servo_on && !self.is_running();
         let servo_sleep = self.settings.options.servo_sleep_s.filter(|_| sleeps);
         let servo_sleep = servo_sleep.map(|idle_s| (self.last_active_ns + self.clock_span_ns(idle_s), Due::ServoSleep));
-        [incident, motion_end, servo_sleep]
+        [incident, motion_end, job, servo_sleep]
             .into_iter()
             .flatten()
             .min_by_key(|(at_ns, _)| *at_ns)
@@ -316,7 +337,7 @@ impl Controller {
 
     /// Whether the arm moves or a job runs.
     pub(super) fn is_running(&self) -> bool {
-        self.motion.is_some()
+        self.motion.is_some() || self.is_job_running()
     }
 
     /// Slows down whatever moves and stops what runs; a start goes on from there.
@@ -324,6 +345,11 @@ impl Controller {
         if let Some(motion) = &mut self.motion {
             motion.stop(now_ns);
         }
+        self.stop_job(now_ns);
+    }
+
+    pub(super) fn violation(&mut self, text: String) {
+        self.outputs.push_back(RobotOutput::Violation(text));
     }
 
     pub(super) fn raise_alarm(&mut self, now_ns: u64, code: u32, data: u32) {

@@ -70,17 +70,14 @@ impl Controller {
 
     /// The arm's position in pulses (type 0).
     pub fn position_pulses(&mut self, now_ns: u64) -> Position {
-        let pulses = self.pose(now_ns).to_pulses();
-        self.position(0, 0, pulses)
+        self.advance(now_ns);
+        self.standing_pulses(now_ns)
     }
 
     /// The arm's pose in the base (type 16). The robot's own frame is the same.
     pub fn position_base(&mut self, now_ns: u64) -> Position {
-        let Pose {
-            position_um: [x, y, z],
-            turn_e4_deg: [rx, ry, rz],
-        } = self.pose(now_ns);
-        self.position(COORDINATE_BASE, FORM, [x, y, z, rx, ry, rz])
+        self.advance(now_ns);
+        self.standing_base(now_ns)
     }
 
     /// Following error of each axis in pulses: the simulated drives have none.
@@ -115,6 +112,19 @@ impl Controller {
             model: "SIMULATED DX200",
             parameters: "SIM",
         }
+    }
+
+    /// Where the arm is once everything due has happened.
+    pub(super) fn standing(&self, now_ns: u64) -> Pose {
+        self.motion.as_ref().map_or(self.pose, |motion| motion.pose(now_ns))
+    }
+
+    pub(super) fn standing_pulses(&self, now_ns: u64) -> Position {
+        self.position(0, 0, self.standing(now_ns).to_pulses())
+    }
+
+    pub(super) fn standing_base(&self, now_ns: u64) -> Position {
+        self.position(COORDINATE_BASE, FORM, self.standing(now_ns).to_pulses())
     }
 
     fn position(&self, kind: i32, form: i32, axes: [i32; AXIS_COUNT]) -> Position {
