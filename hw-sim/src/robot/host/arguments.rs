@@ -30,6 +30,15 @@ impl<'a> Arguments<'a> {
         self.exactly::<0>().map(|_| ())
     }
 
+    /// The only argument, if there is one; 1011 for more.
+    pub(super) fn at_most_one(&self) -> Answer<Option<&'a str>> {
+        match self.0[..] {
+            [] => Ok(None),
+            [one] => Ok(Some(one)),
+            _ => Err(Refused::OPERAND_COUNT),
+        }
+    }
+
     /// One flag, 0 or 1.
     pub(super) fn flag(&self) -> Answer<bool> {
         let [flag] = self.exactly()?;

@@ -5,6 +5,7 @@ use crate::robot::controller::Controller;
 use crate::robot::host::arguments::{Arguments, decimal, integer, integers, list};
 use crate::robot::host::variable::{coordinate, form_of_host, host_form, kind, pose, pose_text, value, value_text};
 use crate::robot::host::{self, Call, bytes};
+use crate::robot::job::instruction::Instruction;
 use crate::robot::moves::{CartesianOrder, FORM_IS_GIVEN, OrderedSpeed, Path, PulseOrder};
 use crate::robot::pose::Pose;
 use crate::robot::refused::{Answer, Refused};
@@ -54,6 +55,30 @@ fn carry_out(controller: &mut Controller, now_ns: u64, call: &Call) -> Answer<Ou
             arguments.none()?;
             list([ROBOT_1, NO_STATION, MASTER_TASK]).into()
         }
+        "RJSEQ" => {
+            arguments.none()?;
+            let job = controller.executing_job(now_ns);
+            refuse_first([(job.name.is_empty(), Refused::NO_JOB_SELECTED)])?;
+            list([job.name, job.line.to_string(), job.step.to_string()]).into()
+        }
+        "RJDIR" => directory(controller, &arguments)?.into(),
+        "START" => controller.start(now_ns, arguments.at_most_one()?)?.into(),
+        "SETMJ" => {
+            let [name] = arguments.exactly()?;
+            controller.set_master_job(now_ns, MASTER_TASK as u16, name)?.into()
+        }
+        "GETMJ" => {
+            arguments.none()?;
+            let name = controller.master_job(now_ns, MASTER_TASK as u16)?;
+            name.ok_or(Refused::NO_JOB_SELECTED)?.into()
+        }
+        "JSEQ" => {
+            let [name, line] = arguments.exactly()?;
+            let line: u32 = integer(line)?;
+            refuse_first([(line > LINE_MAX, Refused::OPERAND_RANGE)])?;
+            controller.select_job(now_ns, name, line)?.into()
+        }
+        "DELETE" => delete(controller, now_ns, &arguments)?.into(),
         "JWAIT" => wait(controller, now_ns, call, &arguments)?,
         "HOLD" => controller.set_hold(now_ns, arguments.flag()?)?.into(),
         "SVON" => controller.set_servo(now_ns, arguments.flag()?)?.into(),
@@ -153,6 +178,39 @@ fn position(controller: &mut Controller, now_ns: u64, arguments: &Arguments) -> 
         text = format!("{text},{}", list(external));
     }
     Ok(text)
+}
+
+/// Names of all jobs for `*`; for a job, which the sheet calls the parent, those of the jobs it calls.
+fn directory(controller: &Controller, arguments: &Arguments) -> Answer<String> {
+    let [parent] = arguments.exactly()?;
+    if parent == "*" {
+        return Ok(list(controller.job_names()));
+    }
+    let job = controller.files.job(parent).ok_or(Refused::NO_SUCH_JOB)?;
+    let mut called: Vec<&str> = Vec::new();
+    for instruction in &job.instructions {
+        if let Instruction::Call { job, .. } = instruction {
+            called.push(job);
+        }
+    }
+    called.sort_unstable();
+    called.dedup();
+    Ok(list(called))
+}
+
+/// Deletes a job; for `*` every one that may be deleted.
+fn delete(controller: &mut Controller, now_ns: u64, arguments: &Arguments) -> Answer<()> {
+    let [name] = arguments.exactly()?;
+    if name != "*" {
+        return controller.delete_file(now_ns, &format!("{name}.JBI"));
+    }
+    for name in controller.job_names() {
+        match controller.delete_file(now_ns, &format!("{name}.JBI")) {
+            Ok(()) | Err(Refused::FILE_KEPT) => (),
+            Err(refused) => return Err(refused),
+        }
+    }
+    Ok(())
 }
 
 /// 0 once what runs has come to its end, -1 when something stopped it or the time is over. The client's time is real time,
@@ -330,6 +388,8 @@ const MASTER_TASK: i32 = 0;
 const AXIS_FIELDS: usize = 12;
 /// Of one IOREAD or IOWRITE.
 const SIGNAL_BYTES_MAX: u16 = 256;
+/// Largest line of JSEQ.
+const LINE_MAX: u32 = 9999;
 /// While something runs, JWAIT looks this often.
 const LOOK_NS: u64 = 10_000_000;
 /// Code that RALARM gives an error. The simulator's own choice of number.

@@ -227,6 +227,51 @@ fn the_type_of_a_move_is_of_the_order_of_texts() {
     assert_eq!(say(&mut robot, "MOVL", MOVE), "done");
 }
 
+const CALLER: &str = "/JOB\r\n//NAME SCAN1\r\n//POS\r\n///NPOS 0,0,0,0,0,0\r\n//INST\r\n///DATE 2026/01/02 03:04\r\n\
+     ///ATTR SC,RW\r\n///GROUP1 RB1\r\nNOP\r\nCALL JOB:SIMULATED\r\nTIMER T=1.00\r\nCALL JOB:SIMULATED\r\nEND\r\n";
+
+#[test]
+fn jobs_are_selected_started_told_and_deleted() {
+    let mut robot = controller(&[]);
+    robot.put_file(0, "SCAN1.JBI", CALLER.as_bytes()).unwrap();
+    for (name, data, answer) in [
+        ("RJDIR", "*", "SCAN1,SIMULATED"),
+        ("RJDIR", "SCAN1", "SIMULATED"),
+        ("RJDIR", "SCAN2", "4040"),
+        ("RJDIR", "", "1011"),
+        ("RJSEQ", "", "4060"),
+        ("GETMJ", "", "4060"),
+        ("START", "", "2070"),
+        ("SVON", "1", "done"),
+        ("START", "", "4060"),
+        ("START", "SCAN2", "4040"),
+        ("JSEQ", "SCAN1,2", "done"),
+        ("JSEQ", "SCAN1,10000", "1012"),
+        ("JSEQ", "SCAN1,9999", "1012"),
+        ("RJSEQ", "", "SCAN1,2,0"),
+        ("SETMJ", "SCAN1", "done"),
+        ("GETMJ", "", "SCAN1"),
+        ("CYCLE", "2", "done"),
+        ("START", "SCAN1", "done"),
+        ("START", "SCAN1", "2010"),
+        ("RSTATS", "", "202,64"),
+        ("DELETE", "SCAN1", "2010"),
+    ] {
+        assert_eq!(say(&mut robot, name, data), answer, "{name} {data}");
+    }
+    let later_ns = 60 * SECOND_NS;
+    assert_eq!(
+        say_at(&mut robot, later_ns, "JWAIT", "-1"),
+        host::Answer::Data("0".to_owned())
+    );
+    assert_eq!(say_at(&mut robot, later_ns, "DELETE", "*"), host::Answer::Done);
+    assert_eq!(
+        say_at(&mut robot, later_ns, "RJDIR", "*"),
+        host::Answer::Data("SIMULATED".to_owned()),
+        "the job that says so stays"
+    );
+}
+
 #[test]
 fn jwait_ends_with_what_it_waits_for() {
     let ask = |robot: &mut Controller, limit_s: &str, now_ns| {

@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 
 use crate::robot::controller::Controller;
 use crate::robot::host::bsc::{Contention, Link, LinkOutput, Message, Timing};
-use crate::robot::host::interpreter::interpret;
+use crate::robot::host::interpreter::{interpret, interpreter_code};
 use crate::robot::host::{Answer, Call, bytes, text};
 use crate::robot::refused::Refused;
 
@@ -92,6 +92,7 @@ impl Serial {
                 let call = call(now_ns, &message.text());
                 self.run(now_ns, call, controller);
             }
+            (FILES, _) => self.file(now_ns, number, message, controller),
             (VARIABLES, _) => self.variable(now_ns, number, message, controller),
             (SIGNALS, 1) => self.ask(now_ns, "IOWRITE", line(message), controller),
             (SIGNALS, 51) => {
@@ -109,6 +110,34 @@ impl Serial {
                 self.answer(now_ns, Answer::Refused(Refused::COMMAND.0));
             }
         }
+    }
+
+    /// 02,001 and on put the file that the first line names; 50 more ask for it, and get what a put would say.
+    fn file(&mut self, now_ns: u64, number: u16, message: &Message, controller: &mut Controller) {
+        let content = message.text();
+        let end = content.iter().position(|byte| *byte == b'\r').unwrap_or(content.len());
+        let name = text(&content[..end]);
+        let is_of_kind = |number| extension(number).is_some_and(|extension| name.ends_with(extension));
+        if is_of_kind(number) {
+            let content = content.get(end + 1..).unwrap_or_default();
+            let answer = match controller.put_file(now_ns, &name, content) {
+                Ok(()) => Answer::Done,
+                Err(error) => Answer::Refused(interpreter_code(error.refused)),
+            };
+            return self.answer(now_ns, answer);
+        }
+        let put = number.saturating_sub(ASKED);
+        if is_of_kind(put) {
+            return match controller.file(now_ns, &name) {
+                Ok(content) => {
+                    let message = Message::file(&format!("02,{put:03}"), &name, &content);
+                    self.link.send(now_ns, message);
+                }
+                Err(refused) => self.answer(now_ns, Answer::Refused(interpreter_code(refused))),
+            };
+        }
+        self.violation(format!("a file {name:?} with the header {}", message.header));
+        self.answer(now_ns, Answer::Refused(Refused::OPERAND_RANGE.0));
     }
 
     /// 03,001 to 03,008 put `number,value`; 50 more ask for it with `number` and get what a put would say.
@@ -184,12 +213,25 @@ fn line(message: &Message) -> String {
     text(&message.text()).trim_end_matches(['\r', '\n']).to_owned()
 }
 
+/// Extension of the files that a number of a header puts.
+fn extension(number: u16) -> Option<&'static str> {
+    Some(match number {
+        1 => ".JBI",
+        2 => ".JBR",
+        11..=30 | 232 | 241 => ".DAT",
+        200..=204 => ".CND",
+        240 => ".SYS",
+        _ => return None,
+    })
+}
+
 fn header_numbers(header: &str) -> Option<(u16, u16)> {
     let (group, number) = header.split_once(',')?;
     Some((group.parse().ok()?, number.parse().ok()?))
 }
 
 const COMMANDS: u16 = 1;
+const FILES: u16 = 2;
 const VARIABLES: u16 = 3;
 const SIGNALS: u16 = 4;
 /// Added to the number of a put to ask for it.
