@@ -5,6 +5,7 @@ use nalgebra::Isometry3;
 use crate::camera::optics::Optics;
 use crate::camera::render::SurfaceNoise;
 use crate::fault::Fault;
+use crate::robot::ports::LinkOptions;
 use crate::robot::pose::{Pose, isometry_from_mm_deg};
 use crate::robot::settings::Options;
 use crate::truth::PoseErrorSize;
@@ -30,6 +31,8 @@ pub struct Scene {
     pub jobs: Vec<(String, String)>,
     /// What the sources leave open about the robot controller.
     pub robot_options: Options,
+    /// How the robot controller is reached.
+    pub links: LinkOptions,
     /// Seeds everything drawn.
     pub seed: u64,
     /// Seconds of the cell in one second of the clock; positive.
@@ -55,6 +58,7 @@ impl Default for Scene {
             workspace_um: [[0, -1_500_000, 0], [2_000_000, 1_500_000, 2_000_000]],
             jobs: Vec::new(),
             robot_options: Options::default(),
+            links: LinkOptions::default(),
             seed: 1,
             speed: 1.0,
             pose_error: PoseErrorSize {

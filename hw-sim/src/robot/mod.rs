@@ -6,14 +6,15 @@
 pub mod alarms;
 pub mod axes;
 pub mod controller;
-pub mod host;
 pub mod files;
+pub mod host;
 pub mod hses;
 mod hses_commands;
 pub mod io;
 pub mod job;
 pub mod motion;
 pub mod moves;
+pub mod ports;
 pub mod pose;
 pub mod refused;
 pub mod settings;

@@ -212,7 +212,11 @@ impl Ports {
     pub fn wake_at(&self) -> Option<u64> {
         let arrival_ns = self.under_way.keys().next().map(|(at_ns, _)| *at_ns);
         let stream_ns = self.streams.values().filter_map(|stream| stream.connection.wake_at());
-        arrival_ns.into_iter().chain(self.serial.wake_at()).chain(stream_ns).min()
+        arrival_ns
+            .into_iter()
+            .chain(self.serial.wake_at())
+            .chain(stream_ns)
+            .min()
     }
 
     /// Lets everything happen that is due, in the order of time; at one time arrivals first.
@@ -278,13 +282,7 @@ impl Ports {
     }
 
     /// Sends a piece of a stream to the controller; the end of a stream is an empty piece behind the others.
-    fn push_stream(
-        &mut self,
-        now_ns: u64,
-        connection: u64,
-        bytes: Vec<u8>,
-        input: impl Fn(Vec<u8>) -> PortInput,
-    ) {
+    fn push_stream(&mut self, now_ns: u64, connection: u64, bytes: Vec<u8>, input: impl Fn(Vec<u8>) -> PortInput) {
         let Some(stream) = self.streams.get_mut(&connection) else {
             return;
         };
