@@ -243,6 +243,7 @@ impl Pair {
                     self.ask_cell(cell::Input::Rendered { job: job.job, frame });
                 }
                 cell::Output::Violation(text) => panic!("the client broke a protocol: {text}"),
+                cell::Output::RobotPort(output) => panic!("nobody is at this port: {output:?}"),
                 cell::Output::TruthGrew => {}
             }
         }

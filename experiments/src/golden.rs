@@ -90,6 +90,7 @@ fn is_answered(command: &Command, request: &[u8]) -> bool {
         speed: 1.0,
         seed: 1,
         faults: Vec::new(),
+        ..Settings::default()
     });
     let from = ([127, 0, 0, 1], 5000).into();
     let mut ask = |datagram: &[u8]| {

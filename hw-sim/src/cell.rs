@@ -9,7 +9,8 @@ use crate::camera::device::{Device, DeviceOutput, DeviceSettings};
 use crate::camera::optics::Optics;
 use crate::camera::render::{Capture, Draws, Frame, Renderer};
 use crate::pose_error::{calibration_error, pose_error};
-use crate::robot::controller::{Controller, Panel, RobotOutput, Settings};
+use crate::robot::controller::{Panel, Settings};
+use crate::robot::ports::{PortInput, PortOutput, Ports};
 use crate::scene::Scene;
 use crate::truth::Truth;
 
@@ -47,6 +48,8 @@ pub enum Input {
         /// What the camera sees.
         frame: Frame,
     },
+    /// Something happens at a port of the robot controller.
+    RobotPort(PortInput),
     /// A person does something at the robot's panel.
     Panel(Panel),
     /// Time has passed.
@@ -63,6 +66,8 @@ pub enum Output {
         /// Whole datagram.
         bytes: Vec<u8>,
     },
+    /// What goes out at another port of the robot controller.
+    RobotPort(PortOutput),
     /// Bytes of the camera.
     CameraBytes {
         /// Connection to send on.
@@ -109,7 +114,7 @@ impl RenderJob {
 #[derive(Clone, Debug)]
 pub struct Cell {
     scene: Scene,
-    robot: Controller,
+    robot: Ports,
     camera: Device,
     exposures: BTreeMap<u64, Exposure>,
     truth: Truth,
@@ -131,14 +136,17 @@ struct Exposure {
 impl Cell {
     /// Cell at rest: the robot stands at home, nobody is connected.
     pub fn new(scene: Scene) -> Self {
-        let robot = Controller::new(Settings {
+        let settings = Settings {
             home: scene.home,
             workspace_min_um: scene.workspace_um[0],
             workspace_max_um: scene.workspace_um[1],
             speed: scene.speed,
             seed: scene.seed,
             faults: scene.faults.clone(),
-        });
+            jobs: scene.jobs.clone(),
+            options: scene.robot_options.clone(),
+        };
+        let robot = Ports::new(settings, scene.links);
         let camera = Device::new(DeviceSettings {
             optics: scene.optics,
             speed: scene.speed,
@@ -175,20 +183,29 @@ impl Cell {
     pub fn handle_input(&mut self, now_ns: u64, input: Input) {
         self.camera.handle_wake(now_ns);
         self.drain_camera(now_ns);
+        let at_robot = match &input {
+            Input::RobotDatagram { from, bytes } => PortInput::Datagram {
+                from: *from,
+                bytes: bytes.clone(),
+            },
+            Input::RobotPort(input) => input.clone(),
+            Input::Panel(panel) => PortInput::Panel(*panel),
+            _ => PortInput::Wake,
+        };
+        self.robot.handle_input(now_ns, at_robot);
         match input {
-            Input::RobotDatagram { from, bytes } => self.robot.handle_datagram(now_ns, from, &bytes),
-            Input::Panel(panel) => self.robot.handle_panel(now_ns, panel),
             Input::CameraConnected { connection } => self.camera.handle_connected(now_ns, connection),
             Input::CameraBytes { connection, bytes } => self.camera.handle_bytes(now_ns, connection, &bytes),
             Input::CameraClosed { connection } => self.camera.handle_closed(now_ns, connection),
             Input::Rendered { job, frame } => self.take_frame(now_ns, job, frame),
-            Input::Wake => (),
+            Input::RobotDatagram { .. } | Input::RobotPort(_) | Input::Panel(_) | Input::Wake => (),
         }
         self.drain_camera(now_ns);
         while let Some(output) = self.robot.poll_output() {
             self.outputs.push_back(match output {
-                RobotOutput::Datagram { to, bytes } => Output::RobotDatagram { to, bytes },
-                RobotOutput::Violation(text) => Output::Violation(text),
+                PortOutput::Datagram { to, bytes } => Output::RobotDatagram { to, bytes },
+                PortOutput::Violation(text) => Output::Violation(text),
+                other => Output::RobotPort(other),
             });
         }
     }
@@ -206,7 +223,7 @@ impl Cell {
 
     /// When [`Input::Wake`] has something to do.
     pub fn wake_at(&self) -> Option<u64> {
-        self.camera.wake_at()
+        self.camera.wake_at().into_iter().chain(self.robot.wake_at()).min()
     }
 
     /// Everything true so far.
@@ -233,13 +250,13 @@ impl Cell {
     }
 
     fn expose(&mut self, now_ns: u64, job: u64, trigger_id: u64, capture: Capture) {
-        let base_from_tool = self.robot.pose(now_ns).to_isometry();
+        let base_from_tool = self.robot.controller().pose(now_ns).to_isometry();
         let camera_from_blade = camera_from_blade(&self.scene, &base_from_tool, trigger_id);
         let exposure = Exposure {
             trigger_id,
             camera_from_blade,
-            was_moving: self.robot.is_moving(now_ns),
-            move_count: self.robot.accepted_move_count(),
+            was_moving: self.robot.controller().is_moving(now_ns),
+            move_count: self.robot.controller().accepted_move_count(),
             moved: None,
             surface_points_mm: None,
         };
@@ -260,7 +277,8 @@ impl Cell {
 
     fn end_exposure(&mut self, now_ns: u64, job: u64) {
         if let Some(exposure) = self.exposures.get_mut(&job) {
-            let has_moved = self.robot.is_moving(now_ns) || self.robot.accepted_move_count() != exposure.move_count;
+            let has_moved = self.robot.controller().is_moving(now_ns)
+                || self.robot.controller().accepted_move_count() != exposure.move_count;
             exposure.moved = Some(exposure.was_moving || has_moved);
         }
         self.record(job);

@@ -71,7 +71,7 @@ impl Bench {
                     self.cell
                         .handle_input(self.now_ns, Input::Rendered { job: job.job, frame });
                 }
-                Output::CameraClose { .. } | Output::Violation(_) => panic!("{output:?}"),
+                Output::CameraClose { .. } | Output::RobotPort(_) | Output::Violation(_) => panic!("{output:?}"),
                 Output::TruthGrew => (),
             }
         }

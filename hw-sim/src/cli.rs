@@ -2,6 +2,7 @@
 
 use std::ffi::OsString;
 use std::io::{self, Write};
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -18,10 +19,11 @@ use crate::camera::optics::Optics;
 use crate::camera::render::{Renderer, SurfaceNoise};
 use crate::cell::Cell;
 use crate::fault::{CATALOGUE, Fault};
+use crate::robot::ports::LinkOptions;
 use crate::robot::pose::{Pose, isometry_from_mm_deg};
 use crate::scene::Scene;
 use crate::score::score_folder;
-use crate::shell::{self, Sockets};
+use crate::shell::{self, Sockets, Wanted};
 use crate::truth::{PoseErrorSize, Truth};
 
 /// Runs the command line `args` (without the name of the program) and says how it went: 0 done, 1 failed, 2 bad arguments
@@ -129,6 +131,18 @@ struct ServeArgs {
     /// UDP port of the robot; 0 = any free one.
     #[arg(long, default_value_t = 0)]
     hses_port: u16,
+    /// TCP port of the robot's host control; 0 = any free one.
+    #[arg(long, default_value_t = 0)]
+    host_control_port: u16,
+    /// Give the robot a serial line, a pseudo-terminal whose path is said.
+    #[arg(long)]
+    serial: bool,
+    /// Speed of the serial line; 0 = no time at all. A faster simulation makes it faster.
+    #[arg(long, value_name = "BAUD", default_value_t = 9600)]
+    serial_baud: u32,
+    /// Time between the confirmation of a host-control command and its answer, in real milliseconds.
+    #[arg(long, value_name = "MS", default_value_t = 50)]
+    host_control_pause: u32,
     /// TCP port of the camera; 0 = any free one.
     #[arg(long, default_value_t = 0)]
     a3dp_port: u16,
@@ -214,9 +228,14 @@ fn serve(args: ServeArgs, devices: Devices) -> Result<(), CliError> {
     let renderer = Arc::new(Renderer::new(&mesh, scene.noise)?);
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let served = runtime.block_on(async {
-        let robot_port = (devices != Devices::Camera).then_some(args.hses_port);
-        let camera_port = (devices != Devices::Robot).then_some(args.a3dp_port);
-        let sockets = Sockets::open(robot_port, camera_port).await?;
+        let has_robot = devices != Devices::Camera;
+        let sockets = Sockets::open(&Wanted {
+            hses: has_robot.then_some(args.hses_port),
+            host_control: has_robot.then_some(args.host_control_port),
+            has_serial: has_robot && args.serial,
+            camera: (devices != Devices::Robot).then_some(args.a3dp_port),
+        })
+        .await?;
         let cell = cell(scene, args.truth.as_deref())?;
         announce(&sockets, args.json)?;
         shell::serve(cell, renderer, sockets, args.truth, stop(args.until_stdin_closes)).await?;
@@ -283,25 +302,28 @@ struct Ready {
 }
 
 fn announce(sockets: &Sockets, json: bool) -> io::Result<()> {
-    let robot = sockets.robot_address().map(|address| address.to_string());
-    let camera = sockets.camera_address().map(|address| address.to_string());
+    let written = |address: Option<SocketAddr>| address.map(|address| address.to_string());
+    let ready = Ready {
+        hses: written(sockets.robot_address()),
+        hses_file: None,
+        host_control: written(sockets.host_control_address()),
+        serial: sockets.serial_path().map(str::to_owned),
+        a3dp: written(sockets.camera_address()),
+    };
     let mut stdout = io::stdout().lock();
     if json {
-        let ready = Ready {
-            hses: robot,
-            hses_file: None,
-            host_control: None,
-            serial: None,
-            a3dp: camera,
-        };
         serde_json::to_writer(&mut stdout, &ready)?;
         writeln!(stdout)?;
     } else {
-        if let Some(address) = robot {
-            writeln!(stdout, "SIMULATED robot (DX200, HSES over UDP) on {address}")?;
-        }
-        if let Some(address) = camera {
-            writeln!(stdout, "SIMULATED camera (A3DP/1 over TCP) on {address}")?;
+        for (what, place) in [
+            ("robot (DX200, HSES over UDP)", ready.hses),
+            ("robot (DX200, host control over TCP)", ready.host_control),
+            ("robot (DX200, host control over a serial line)", ready.serial),
+            ("camera (A3DP/1 over TCP)", ready.a3dp),
+        ] {
+            if let Some(place) = place {
+                writeln!(stdout, "SIMULATED {what} on {place}")?;
+            }
         }
     }
     stdout.flush()
@@ -332,6 +354,11 @@ fn scene(args: &ServeArgs, devices: Devices, mesh: &Mesh) -> Scene {
             robot_deg: args.pose_error_deg,
             calibration_mm: args.calibration_error_mm,
             calibration_deg: args.calibration_error_deg,
+        },
+        links: LinkOptions {
+            host_pause_ns: u64::from(args.host_control_pause) * 1_000_000,
+            serial_baud: (args.serial_baud > 0).then_some(args.serial_baud),
+            ..LinkOptions::default()
         },
         faults: args.faults.clone(),
         boot_id: since_1970.as_nanos() as u64,

@@ -27,6 +27,11 @@ pub(crate) enum Purpose {
     PoseError = 4,
     /// How far the calibration is off.
     CalibrationError = 5,
+    /// What the network does to what it carries, one stream a path.
+    Network = 6,
+    /// Inputs of tests.
+    #[cfg(test)]
+    Test = 1000,
 }
 
 /// The generator of one stream: (seed, purpose, `which`, `part`) is the whole key of the cipher.

@@ -82,10 +82,40 @@ pub enum Fault {
         /// Accepted move, counted from 0.
         view: u32,
     },
+    /// A share of what client and robot send each other gets lost.
+    NetLoss {
+        /// Share of the pieces, 0 to 1.
+        fraction: f64,
+    },
+    /// What client and robot send each other takes time.
+    NetDelay {
+        /// Time of each piece, real milliseconds.
+        delay_ms: f64,
+    },
+    /// A share of the datagrams between client and robot comes twice.
+    NetDuplicate {
+        /// Share of the pieces, 0 to 1.
+        fraction: f64,
+    },
+    /// A share of the datagrams between client and robot is overtaken by others.
+    NetReorder {
+        /// Share of the pieces, 0 to 1.
+        fraction: f64,
+    },
+    /// A share of what client and robot send each other has a wrong bit.
+    NetFlip {
+        /// Share of the pieces, 0 to 1.
+        fraction: f64,
+    },
+    /// Nothing passes between client and robot for a while.
+    Stall {
+        /// Accepted move, counted from 0.
+        view: u32,
+    },
 }
 
 /// Spelling and meaning of every fault, for people.
-pub const CATALOGUE: [(&str, &str); 15] = [
+pub const CATALOGUE: [(&str, &str); 21] = [
     (
         "camera-gone@VIEW",
         "the camera's connection closes in the middle of the frame",
@@ -128,6 +158,30 @@ pub const CATALOGUE: [(&str, &str); 15] = [
     ("remote-off", "command remote is not set: the robot refuses every act"),
     ("servo-refused", "the servo power cannot be switched on"),
     ("elsewhere=MM@MOVE", "the robot stops this far above where it was sent"),
+    (
+        "net-loss=FRACTION",
+        "this share of what client and robot send each other is lost; a stream sends it again, the serial line loses a byte",
+    ),
+    (
+        "net-delay=MS",
+        "everything between client and robot takes this long (real milliseconds)",
+    ),
+    (
+        "net-duplicate=FRACTION",
+        "this share of the datagrams between client and robot comes twice",
+    ),
+    (
+        "net-reorder=FRACTION",
+        "this share of the datagrams between client and robot comes 20 ms later, so that others overtake it",
+    ),
+    (
+        "net-flip=FRACTION",
+        "this share of what client and robot send each other has a wrong bit; a stream notices and sends it again",
+    ),
+    (
+        "stall@MOVE",
+        "nothing passes between client and robot for 2 s from this accepted move on, then all of it comes at once",
+    ),
 ];
 
 /// Why a fault's text is not a fault.
@@ -211,6 +265,12 @@ impl fmt::Display for Fault {
             Self::RemoteOff => write!(f, "remote-off"),
             Self::ServoRefused => write!(f, "servo-refused"),
             Self::Elsewhere { distance_mm, view } => write!(f, "elsewhere={distance_mm}@{view}"),
+            Self::NetLoss { fraction } => write!(f, "net-loss={fraction}"),
+            Self::NetDelay { delay_ms } => write!(f, "net-delay={delay_ms}"),
+            Self::NetDuplicate { fraction } => write!(f, "net-duplicate={fraction}"),
+            Self::NetReorder { fraction } => write!(f, "net-reorder={fraction}"),
+            Self::NetFlip { fraction } => write!(f, "net-flip={fraction}"),
+            Self::Stall { view } => write!(f, "stall@{view}"),
         }
     }
 }
@@ -222,6 +282,7 @@ fn parse_kind(kind: &str, value: &str, view: Option<&str>) -> Option<Fault> {
         None => 0,
     };
     let number = || value.parse::<f64>().ok().filter(|number| number.is_finite());
+    let share = || number().filter(|fraction| (0.0..=1.0).contains(fraction));
     Some(match kind {
         "camera-gone" => Fault::CameraGone { view },
         "camera-error" => Fault::CameraError {
@@ -243,15 +304,21 @@ fn parse_kind(kind: &str, value: &str, view: Option<&str>) -> Option<Fault> {
         },
         "estop" => Fault::Estop { view },
         "robot-silent" => Fault::RobotSilent { view },
-        "answer-lost" => Fault::AnswerLost {
-            fraction: number().filter(|fraction| (0.0..=1.0).contains(fraction))?,
-        },
+        "answer-lost" => Fault::AnswerLost { fraction: share()? },
         "remote-off" => Fault::RemoteOff,
         "servo-refused" => Fault::ServoRefused,
         "elsewhere" => Fault::Elsewhere {
             distance_mm: number().filter(|mm| mm.abs() <= ELSEWHERE_MAX_MM)?,
             view,
         },
+        "net-loss" => Fault::NetLoss { fraction: share()? },
+        "net-delay" => Fault::NetDelay {
+            delay_ms: number().filter(|delay| (0.0..=DELAY_MAX_S * 1e3).contains(delay))?,
+        },
+        "net-duplicate" => Fault::NetDuplicate { fraction: share()? },
+        "net-reorder" => Fault::NetReorder { fraction: share()? },
+        "net-flip" => Fault::NetFlip { fraction: share()? },
+        "stall" => Fault::Stall { view },
         _ => return None,
     })
 }
@@ -283,7 +350,8 @@ mod tests {
                 .replace("CODE", "402")
                 .replace("SECONDS", "1.5")
                 .replace("FRACTION", "0.25")
-                .replace("MM", "2.5");
+                .replace("MM", "2.5")
+                .replace("MS", "2.5");
             let fault: Fault = written.parse().unwrap();
             assert_eq!(fault.to_string(), written);
         }

@@ -12,6 +12,7 @@ mod checks;
 pub mod cli;
 mod draws;
 pub mod fault;
+pub mod network;
 pub mod pose_error;
 pub mod robot;
 pub mod scene;

@@ -17,12 +17,32 @@ use tokio::task::JoinHandle;
 
 use crate::camera::render::Renderer;
 use crate::cell::{Cell, Input, Output, RenderJob};
+use crate::robot::ports::{PortInput, PortOutput};
 use crate::truth::Truth;
 
-/// Sockets of a cell on the loopback interface; a device that is not wanted has none.
+mod serial_line;
+
+use serial_line::{SerialLine, ServedLine};
+
+/// What a cell is to be reached through; a port of 0 is any free one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Wanted {
+    /// UDP port of the robot's HSES.
+    pub hses: Option<u16>,
+    /// TCP port of the robot's host control.
+    pub host_control: Option<u16>,
+    /// Whether the robot has a serial line, as a pseudo-terminal.
+    pub has_serial: bool,
+    /// TCP port of the camera.
+    pub camera: Option<u16>,
+}
+
+/// Sockets of a cell on the loopback interface, and its serial line; what is not wanted is not there.
 #[derive(Debug)]
 pub struct Sockets {
     robot: Option<UdpSocket>,
+    host_control: Option<TcpListener>,
+    serial: Option<SerialLine>,
     camera: Option<TcpListener>,
 }
 
@@ -39,6 +59,9 @@ pub enum ShellError {
         /// What the system says.
         source: io::Error,
     },
+    /// No pseudo-terminal can be had.
+    #[error("cannot open a pseudo-terminal for the serial line: {0}")]
+    Serial(#[from] tokio_serial::Error),
     /// A socket failed while serving.
     #[error("the {device} socket failed: {source}")]
     Socket {
@@ -58,37 +81,46 @@ pub enum ShellError {
 }
 
 impl Sockets {
-    /// Opens the ports; 0 is any free one.
-    pub async fn open(robot_port: Option<u16>, camera_port: Option<u16>) -> Result<Self, ShellError> {
-        let listen = |transport, port| {
-            move |source| ShellError::Listen {
-                transport,
-                port,
-                source,
-            }
-        };
-        let robot = match robot_port {
-            Some(port) => Some(
-                UdpSocket::bind((Ipv4Addr::LOCALHOST, port))
-                    .await
-                    .map_err(listen("UDP", port))?,
-            ),
+    /// Opens what is wanted.
+    pub async fn open(wanted: &Wanted) -> Result<Self, ShellError> {
+        let robot = match wanted.hses {
+            Some(port) => Some(bind(port).await?),
             None => None,
         };
-        let camera = match camera_port {
-            Some(port) => Some(
-                TcpListener::bind((Ipv4Addr::LOCALHOST, port))
-                    .await
-                    .map_err(listen("TCP", port))?,
-            ),
+        let host_control = match wanted.host_control {
+            Some(port) => Some(listen(port).await?),
             None => None,
         };
-        Ok(Self { robot, camera })
+        let camera = match wanted.camera {
+            Some(port) => Some(listen(port).await?),
+            None => None,
+        };
+        let serial = if wanted.has_serial {
+            Some(SerialLine::open()?)
+        } else {
+            None
+        };
+        Ok(Self {
+            robot,
+            host_control,
+            serial,
+            camera,
+        })
     }
 
     /// Where the robot listens.
     pub fn robot_address(&self) -> Option<SocketAddr> {
         self.robot.as_ref().and_then(|socket| socket.local_addr().ok())
+    }
+
+    /// Where host control listens.
+    pub fn host_control_address(&self) -> Option<SocketAddr> {
+        self.host_control.as_ref().and_then(|socket| socket.local_addr().ok())
+    }
+
+    /// Path of the serial line's end for the host.
+    pub fn serial_path(&self) -> Option<&str> {
+        self.serial.as_ref().map(|line| line.path.as_str())
     }
 
     /// Where the camera listens.
@@ -97,11 +129,29 @@ impl Sockets {
     }
 }
 
+async fn bind(port: u16) -> Result<UdpSocket, ShellError> {
+    let opened = UdpSocket::bind((Ipv4Addr::LOCALHOST, port)).await;
+    opened.map_err(listen_error("UDP", port))
+}
+
+async fn listen(port: u16) -> Result<TcpListener, ShellError> {
+    let opened = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).await;
+    opened.map_err(listen_error("TCP", port))
+}
+
+fn listen_error(transport: &'static str, port: u16) -> impl FnOnce(io::Error) -> ShellError {
+    move |source| ShellError::Listen {
+        transport,
+        port,
+        source,
+    }
+}
+
 /// Serves until `stop` ends. The truth is written after each acquisition, the last time before this returns.
 pub async fn serve(
     cell: Cell,
     renderer: Arc<Renderer>,
-    sockets: Sockets,
+    mut sockets: Sockets,
     truth_path: Option<PathBuf>,
     stop: impl Future<Output = ()>,
 ) -> Result<(), ShellError> {
@@ -113,6 +163,7 @@ pub async fn serve(
         renderer,
         start: Instant::now(),
         writers: BTreeMap::new(),
+        serial: sockets.serial.take().map(|line| line.serve(input_sender.clone())),
         input_sender,
         truth_sender,
         connection_count: 0,
@@ -126,11 +177,42 @@ struct Shell {
     cell: Cell,
     renderer: Arc<Renderer>,
     start: Instant,
-    /// Bytes on their way to each client of the camera. The cell never has more than one frame under way.
+    /// Bytes on their way to each client of camera and host control. The cell never has more than one frame under way.
     writers: BTreeMap<u64, Connection>,
+    serial: Option<ServedLine>,
     input_sender: mpsc::Sender<Input>,
     truth_sender: watch::Sender<Arc<Truth>>,
     connection_count: u64,
+}
+
+/// What listens on a TCP port.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Service {
+    Camera,
+    HostControl,
+}
+
+impl Service {
+    fn connected(self, connection: u64) -> Input {
+        match self {
+            Self::Camera => Input::CameraConnected { connection },
+            Self::HostControl => Input::RobotPort(PortInput::Connected { connection }),
+        }
+    }
+
+    fn bytes(self, connection: u64, bytes: Vec<u8>) -> Input {
+        match self {
+            Self::Camera => Input::CameraBytes { connection, bytes },
+            Self::HostControl => Input::RobotPort(PortInput::Bytes { connection, bytes }),
+        }
+    }
+
+    fn closed(self, connection: u64) -> Input {
+        match self {
+            Self::Camera => Input::CameraClosed { connection },
+            Self::HostControl => Input::RobotPort(PortInput::Closed { connection }),
+        }
+    }
 }
 
 struct Connection {
@@ -176,11 +258,16 @@ impl Shell {
                     let (byte_count, from) = received.map_err(socket_error("robot"))?;
                     Input::RobotDatagram { from, bytes: datagram[..byte_count].to_vec() }
                 }
-                accepted = accept(sockets.camera.as_ref()) => self.connect(accepted.map_err(socket_error("camera"))?),
+                accepted = accept(sockets.camera.as_ref()) => {
+                    self.connect(Service::Camera, accepted.map_err(socket_error("camera"))?)
+                }
+                accepted = accept(sockets.host_control.as_ref()) => {
+                    self.connect(Service::HostControl, accepted.map_err(socket_error("host control"))?)
+                }
                 Some(input) = inputs.recv() => input,
                 () = sleep_until(wake_at) => Input::Wake,
             };
-            if let Input::CameraClosed { connection } = &input {
+            if let Input::CameraClosed { connection } | Input::RobotPort(PortInput::Closed { connection }) = &input {
                 self.writers.remove(connection);
             }
             self.cell.handle_input(self.now_ns(), input);
@@ -198,17 +285,9 @@ impl Shell {
                         log(&format!("an answer to {to} is lost: {error}"));
                     }
                 }
-                Output::CameraBytes { connection, bytes } => {
-                    if let Some(connection) = self.writers.get(&connection) {
-                        // A writer that has ended leaves a closed connection, which its reader reports.
-                        connection.bytes.send(bytes).ok();
-                    }
-                }
-                Output::CameraClose { connection } => {
-                    if let Some(connection) = self.writers.remove(&connection) {
-                        tokio::spawn(connection.linger());
-                    }
-                }
+                Output::CameraBytes { connection, bytes } => self.write(connection, bytes),
+                Output::CameraClose { connection } => self.close(connection),
+                Output::RobotPort(output) => self.put_out_robot(output),
                 Output::Render(job) => self.render(job),
                 // Nobody listens when no file of it is wanted.
                 Output::TruthGrew if self.truth_sender.is_closed() => {}
@@ -220,21 +299,49 @@ impl Shell {
         }
     }
 
-    fn connect(&mut self, stream: TcpStream) -> Input {
+    fn put_out_robot(&mut self, output: PortOutput) {
+        match output {
+            PortOutput::Bytes { connection, bytes } => self.write(connection, bytes),
+            PortOutput::Close { connection } => self.close(connection),
+            PortOutput::Serial(bytes) => {
+                if let Some(serial) = &self.serial {
+                    // A line whose writer has ended is told when it ends.
+                    serial.bytes.send(bytes).ok();
+                }
+            }
+            // The cell has outputs of its own for these.
+            PortOutput::Datagram { .. } | PortOutput::Violation(_) => (),
+        }
+    }
+
+    fn write(&self, connection: u64, bytes: Vec<u8>) {
+        if let Some(connection) = self.writers.get(&connection) {
+            // A writer that has ended leaves a closed connection, which its reader reports.
+            connection.bytes.send(bytes).ok();
+        }
+    }
+
+    fn close(&mut self, connection: u64) {
+        if let Some(connection) = self.writers.remove(&connection) {
+            tokio::spawn(connection.linger());
+        }
+    }
+
+    fn connect(&mut self, service: Service, stream: TcpStream) -> Input {
         self.connection_count += 1;
         let connection = self.connection_count;
         if let Err(error) = stream.set_nodelay(true) {
-            log(&format!("camera connection {connection}: no TCP_NODELAY: {error}"));
+            log(&format!("connection {connection}: no TCP_NODELAY: {error}"));
         }
         let (reader, writer) = stream.into_split();
         let (bytes, to_write) = mpsc::unbounded_channel();
         let state = Connection {
             bytes,
-            reader: tokio::spawn(read(connection, reader, self.input_sender.clone())),
+            reader: tokio::spawn(read(service, connection, reader, self.input_sender.clone())),
             writer: tokio::spawn(write(writer, to_write)),
         };
         self.writers.insert(connection, state);
-        Input::CameraConnected { connection }
+        service.connected(connection)
     }
 
     fn render(&self, job: RenderJob) {
@@ -297,16 +404,13 @@ async fn sleep_until(wake_at: Option<Instant>) {
 }
 
 /// Reads a connection until it ends. The bounded channel holds the client back when the cell is busy.
-async fn read(connection: u64, mut stream: OwnedReadHalf, inputs: mpsc::Sender<Input>) {
+async fn read(service: Service, connection: u64, mut stream: OwnedReadHalf, inputs: mpsc::Sender<Input>) {
     let mut piece = vec![0; READ_BYTES];
     loop {
         let byte_count = stream.read(&mut piece).await.unwrap_or(0);
         let input = match byte_count {
-            0 => Input::CameraClosed { connection },
-            _ => Input::CameraBytes {
-                connection,
-                bytes: piece[..byte_count].to_vec(),
-            },
+            0 => service.closed(connection),
+            _ => service.bytes(connection, piece[..byte_count].to_vec()),
         };
         if inputs.send(input).await.is_err() || byte_count == 0 {
             return;

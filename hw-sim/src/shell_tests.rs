@@ -1,8 +1,11 @@
 use tokio::sync::oneshot;
+use tokio_serial::SerialPortBuilderExt;
 
 use super::*;
 use crate::blade::Builtin;
 use crate::camera::message::Message;
+use crate::robot::host::bsc::{Contention, Link, LinkOutput, Message as BscMessage, Timing};
+use crate::robot::ports::LinkOptions;
 use crate::scene::Scene;
 use crate::test_client::{Client, arm, configure, hello, small_settings, trigger};
 use crate::vectors::{HSES_PAGE, vector};
@@ -45,7 +48,13 @@ fn a_served_cell_answers_takes_a_frame_and_leaves_the_truth() {
             ..Scene::default()
         };
         let renderer = Arc::new(Renderer::new(&Builtin::HptA.mesh(), scene.noise).unwrap());
-        let sockets = Sockets::open(Some(0), Some(0)).await.unwrap();
+        let sockets = Sockets::open(&Wanted {
+            hses: Some(0),
+            camera: Some(0),
+            ..Wanted::default()
+        })
+        .await
+        .unwrap();
         let (robot, camera) = (sockets.robot_address().unwrap(), sockets.camera_address().unwrap());
         let (stop, stopped) = oneshot::channel::<()>();
         let served = serve(Cell::new(scene), renderer, sockets, Some(path.clone()), async {
@@ -84,13 +93,120 @@ fn a_served_cell_answers_takes_a_frame_and_leaves_the_truth() {
     );
 }
 
+/// Everything up to an end: what comes in several pieces is put together.
+async fn read_until(stream: &mut (impl AsyncReadExt + Unpin), end: &str) -> String {
+    let mut text = String::new();
+    while !text.ends_with(end) {
+        let mut piece = [0; 256];
+        let byte_count = stream.read(&mut piece).await.unwrap();
+        assert!(byte_count > 0, "closed after {text:?}");
+        text.push_str(&String::from_utf8_lossy(&piece[..byte_count]));
+    }
+    text
+}
+
+/// Serves a cell with host control and a serial line while `used` goes on.
+fn with_host_links<T: Future<Output = ()>>(links: LinkOptions, used: impl FnOnce(SocketAddr, String) -> T) {
+    within_deadline(async {
+        let scene = Scene {
+            links,
+            ..Scene::default()
+        };
+        let renderer = Arc::new(Renderer::new(&Builtin::HptA.mesh(), scene.noise).unwrap());
+        let sockets = Sockets::open(&Wanted {
+            host_control: Some(0),
+            has_serial: true,
+            ..Wanted::default()
+        })
+        .await
+        .unwrap();
+        let address = sockets.host_control_address().unwrap();
+        let used = used(address, sockets.serial_path().unwrap().to_owned());
+        let (stop, stopped) = oneshot::channel::<()>();
+        let served = serve(Cell::new(scene), renderer, sockets, None, async {
+            stopped.await.unwrap()
+        });
+        let used = async {
+            used.await;
+            stop.send(()).unwrap();
+        };
+        let (served, ()) = tokio::join!(served, used);
+        served.unwrap();
+    });
+}
+
+#[test]
+fn two_clients_of_host_control_are_served_at_once() {
+    with_host_links(LinkOptions::default(), |address, _| async move {
+        let mut first = TcpStream::connect(address).await.unwrap();
+        let mut second = TcpStream::connect(address).await.unwrap();
+        for stream in [&mut first, &mut second] {
+            stream
+                .write_all(b"CONNECT Robot_access Keep-Alive:2\r\n")
+                .await
+                .unwrap();
+            let greeting = read_until(stream, "\r\n").await;
+            assert!(
+                greeting.starts_with("OK: DX Information Server(SIMULATED "),
+                "{greeting}"
+            );
+        }
+        first.write_all(b"HOSTCTRL_REQUEST SVON 2\r\n1\r").await.unwrap();
+        assert_eq!(read_until(&mut first, "0000\r\n").await, "OK: SVON\r\n0000\r\n");
+        second.write_all(b"HOSTCTRL_REQUEST RSTATS 0\r\n").await.unwrap();
+        assert_eq!(read_until(&mut second, ",64\r").await, "OK: RSTATS\r\n196,64\r");
+        first.write_all(b"HOSTCTRL_REQUEST RSTATS 0\r\n").await.unwrap();
+        assert_eq!(read_until(&mut first, ",64\r").await, "OK: RSTATS\r\n196,64\r");
+        let mut rest = Vec::new();
+        first.read_to_end(&mut rest).await.unwrap();
+        assert_eq!(rest, b"", "two commands were all");
+        second.write_all(b"DANCE\r\n").await.unwrap();
+        assert_eq!(read_until(&mut second, "\r\n").await, "NG: request refused\r\n");
+    });
+}
+
+#[test]
+fn a_host_on_the_pseudo_terminal_gets_its_answer_and_may_come_again() {
+    let links = LinkOptions {
+        serial_baud: None,
+        ..LinkOptions::default()
+    };
+    with_host_links(links, |_, path| async move {
+        for _ in 0..2 {
+            let mut line = tokio_serial::new(&path, 9600)
+                .parity(tokio_serial::Parity::Even)
+                .open_native_async()
+                .unwrap();
+            let mut host = Link::new(Timing::default(), Contention::Yield);
+            host.send(0, BscMessage::new("01,000", b"RJDIR *\r"));
+            let mut answer = None;
+            while answer.is_none() {
+                match host.poll_output() {
+                    Some(LinkOutput::Bytes(bytes)) => AsyncWriteExt::write_all(&mut line, &bytes).await.unwrap(),
+                    Some(LinkOutput::Message(message)) => answer = Some(message),
+                    Some(told) => assert_eq!(told, LinkOutput::Sent),
+                    None => {
+                        let mut piece = [0; 64];
+                        let byte_count = line.read(&mut piece).await.unwrap();
+                        host.handle_bytes(0, &piece[..byte_count]);
+                    }
+                }
+            }
+            assert_eq!(answer, Some(BscMessage::new("90,001", b"SIMULATED\r")));
+        }
+    });
+}
+
 #[test]
 fn a_port_in_use_is_named_in_the_error() {
     let taken = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
     let port = taken.local_addr().unwrap().port();
-    let error = within_deadline(Sockets::open(Some(port), None))
-        .unwrap_err()
-        .to_string();
+    let error = within_deadline(Sockets::open(&Wanted {
+        hses: Some(port),
+        ..Wanted::default()
+    }))
+    .unwrap_err()
+    .to_string();
     assert!(
         error.starts_with(&format!("cannot listen on 127.0.0.1:{port} (UDP)")),
         "{error}"

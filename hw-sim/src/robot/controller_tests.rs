@@ -11,6 +11,7 @@ fn settings(faults: &[&str]) -> Settings {
         speed: 1.0,
         seed: 1,
         faults: faults.iter().map(|fault| fault.parse().unwrap()).collect(),
+        ..Settings::default()
     }
 }
 

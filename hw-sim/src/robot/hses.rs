@@ -2,6 +2,9 @@
 
 use thiserror::Error;
 
+use crate::robot::alarms::Alarm;
+use crate::robot::refused::Refused;
+
 /// A well-formed request; what it asks for may still be refused.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Request {
@@ -55,6 +58,12 @@ pub enum Refusal {
     NoInstance,
     /// 0x1F with this added status.
     Failed(u16),
+}
+
+impl From<Refused> for Refusal {
+    fn from(refused: Refused) -> Self {
+        Self::Failed(refused.0)
+    }
 }
 
 impl Request {
@@ -133,11 +142,15 @@ pub fn status_data(data_1: u32, data_2: u32) -> Vec<u8> {
     [data_1, data_2].into_iter().flat_map(u32::to_le_bytes).collect()
 }
 
-/// Data of an alarm answer. Texts are cut at their fields: 16 and 32 bytes.
-pub fn alarm_data(code: u32, data: u32, kind: u32, time: &str, name: &str) -> Vec<u8> {
-    let mut bytes: Vec<u8> = [code, data, kind].into_iter().flat_map(u32::to_le_bytes).collect();
-    push_text(&mut bytes, time, 16);
-    push_text(&mut bytes, name, 32);
+/// Data of an alarm answer, all 0 for none.
+pub fn alarm_data(alarm: Option<&Alarm>) -> Vec<u8> {
+    let Some(alarm) = alarm else { return vec![0; 60] };
+    let mut bytes: Vec<u8> = [alarm.code, alarm.data, ALARM_TYPE]
+        .into_iter()
+        .flat_map(u32::to_le_bytes)
+        .collect();
+    push_text(&mut bytes, &alarm.time(), 16);
+    push_text(&mut bytes, alarm.name(), 32);
     bytes
 }
 
@@ -197,6 +210,8 @@ pub const SERVICE_SET: u8 = 0x10;
 const HEADER_BYTES: usize = 32;
 const DATA_BYTES_MAX: usize = 479;
 const DIVISION_ROBOT: u8 = 1;
+/// Type of every alarm, as in the page's vector.
+const ALARM_TYPE: u32 = 1;
 const ANSWER_BLOCK: u32 = 0x8000_0000;
 
 #[cfg(test)]
@@ -270,6 +285,11 @@ mod tests {
         let get = request(SERVICE_GET_ALL);
         let set = request(SERVICE_SET);
         let go = request(SERVICE_SET_ALL);
+        let collision = Alarm {
+            code: 4315,
+            data: 1,
+            raised_ns: 0,
+        };
         let position = [16, 4, 1, 0, 0, 500_000, -250_000, 750_000, 1_800_000, 0, -900_000, 0, 0];
         for (name, bytes) in [
             ("ans_status_ready", get.done(&status_data(0xC4, 0x40))),
@@ -281,11 +301,8 @@ mod tests {
             ("ans_servo_refused_3450", set.refused(Refusal::Failed(0x3450))),
             ("ans_undefined_command", get.refused(Refusal::UndefinedCommand)),
             ("ans_position", get.done(&words_data(&position))),
-            ("ans_alarm_none", get.done(&alarm_data(0, 0, 0, "", ""))),
-            (
-                "ans_alarm_4315",
-                get.done(&alarm_data(4315, 1, 1, "2026/01/02 03:04", "COLLISION DETECT")),
-            ),
+            ("ans_alarm_none", get.done(&alarm_data(None))),
+            ("ans_alarm_4315", get.done(&alarm_data(Some(&collision)))),
             (
                 "ans_system_information",
                 get.done(&system_data("SIMULATED 0.1.0", "SIMULATED DX200", "SIM")),
