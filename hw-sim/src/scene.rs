@@ -56,7 +56,7 @@ impl Default for Scene {
             tool_from_blade: isometry_from_mm_deg([0.0, 0.0, 400.0], [0.0; 3]),
             home: Pose::from_mm_deg([1000.0, -200.0, 1100.0], [0.0, 90.0, 0.0]),
             workspace_um: [[0, -1_500_000, 0], [2_000_000, 1_500_000, 2_000_000]],
-            jobs: Vec::new(),
+            jobs: vec![("BLADESCAN".to_owned(), SCAN_JOB.to_owned())],
             robot_options: Options::default(),
             links: LinkOptions::default(),
             seed: 1,
@@ -72,3 +72,6 @@ impl Default for Scene {
         }
     }
 }
+
+/// The job for orders of a controlling program, as it is put on a real controller.
+const SCAN_JOB: &str = include_str!("../../docs/robot/BLADESCAN.JBI");

@@ -82,6 +82,7 @@ impl SimulatedCell {
             .arg(format!("--speed={}", options.speed))
             .arg("--truth")
             .arg(&options.truth)
+            .arg("--host-control-pause=0")
             .args(options.serial.then_some("--serial"))
             .args(options.faults.iter().map(|fault| format!("--fault={fault}")))
             .stdin(Stdio::piped())
