@@ -1,0 +1,87 @@
+//! Host control: commands as text, over TCP (`docs/protocols/host_control.md`).
+//!
+//! [`text`] turns a [`Command`](super::Command) into a name with data and an answer into a [`Reply`]. [`TcpLink`] carries
+//! them: one transaction at a time, bytes and time in, bytes and events out.
+//!
+//! Every transaction that [`say`](TcpLink::say) opens ends in exactly one of [`LinkEvent::Answered`],
+//! [`LinkEvent::Refused`] and [`LinkEvent::Unanswered`]; one that was given up ends in none.
+//! The other events are told beside.
+
+pub mod tcp;
+pub mod text;
+
+pub use tcp::{TcpLink, TcpSettings};
+
+use super::command::Kind;
+use super::reply::{Refusal, Reply};
+use thiserror::Error;
+
+/// What the shell has to do for a link.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum LinkOutput {
+    /// Open the connection (TCP), then call `handle_connected`; if that fails, `handle_closed`.
+    Connect,
+    /// Close the connection or give up opening it (TCP); nothing more of it is handed in.
+    Close,
+    /// Send these bytes.
+    Bytes {
+        /// The bytes.
+        bytes: Vec<u8>,
+        /// Of the command that they belong to; [`Kind::Ask`] where they belong to none.
+        kind: Kind,
+    },
+}
+
+/// What came of a command, or of bytes that fit none.
+#[derive(Debug, Clone, PartialEq)]
+pub enum LinkEvent {
+    /// Carried out, or data read. Ends the transaction.
+    Answered(Reply),
+    /// The controller said no. Ends the transaction.
+    Refused(Refusal),
+    /// No answer that makes sense, within the bounds. An act may have been carried out or not. Ends the transaction.
+    Unanswered,
+    /// Bytes that are no answer to anything open; they are dropped.
+    Dropped {
+        /// Why.
+        reason: String,
+        /// Whether they make no sense (rather than being late or foreign).
+        malformed: bool,
+    },
+    /// The connection could not be opened, or was closed by the other side.
+    Lost {
+        /// Why.
+        reason: String,
+    },
+}
+
+/// Why a link cannot say a command. Nothing has been sent.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+pub enum Unsupported {
+    /// Host control has no such command.
+    #[error("host control has no command for: {0}")]
+    Command(&'static str),
+    /// One command carries one variable.
+    #[error("host control reads and writes one variable a command, not {count}")]
+    Several {
+        /// How many were wanted.
+        count: usize,
+    },
+    /// A value that the text cannot carry.
+    #[error("host control cannot say {field} {value}")]
+    Value {
+        /// Of which field.
+        field: &'static str,
+        /// Which value.
+        value: String,
+    },
+    /// Moves by joints in percent, straight ones in mm/s or deg/s.
+    #[error("host control has no such speed class for this way of moving")]
+    Speed,
+    /// A link move must name the arm's configuration, and none has been read yet: ask for the position first.
+    #[error("the arm's configuration is not known: read the position first")]
+    UnknownForm,
+    /// A text with a byte that the command or the line gives another meaning.
+    #[error("host control cannot carry this text: {0:?}")]
+    Text(String),
+}
