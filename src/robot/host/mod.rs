@@ -1,15 +1,17 @@
-//! Host control: commands as text, over TCP (`docs/protocols/host_control.md`).
+//! Host control: commands as text, over TCP (`docs/protocols/host_control.md`) or a serial line (`docs/protocols/bsc_like.md`).
 //!
-//! [`text`] turns a [`Command`](super::Command) into a name with data and an answer into a [`Reply`]. [`TcpLink`] carries
-//! them: one transaction at a time, bytes and time in, bytes and events out.
+//! [`text`] turns a [`Command`](super::Command) into a name with data and an answer into a [`Reply`]. [`TcpLink`] and
+//! [`SerialLink`] carry them: one transaction at a time, bytes and time in, bytes and events out. Both have the same verbs.
 //!
 //! Every transaction that [`say`](TcpLink::say) opens ends in exactly one of [`LinkEvent::Answered`],
-//! [`LinkEvent::Refused`] and [`LinkEvent::Unanswered`]; one that was given up ends in none.
+//! [`LinkEvent::Refused`], [`LinkEvent::Unanswered`] and [`LinkEvent::Received`]; one that was given up ends in none.
 //! The other events are told beside.
 
+pub mod bsc;
 pub mod tcp;
 pub mod text;
 
+pub use bsc::{FileRequest, SerialLink, SerialSettings};
 pub use tcp::{TcpLink, TcpSettings};
 
 use super::command::Kind;
@@ -41,6 +43,20 @@ pub enum LinkEvent {
     Refused(Refusal),
     /// No answer that makes sense, within the bounds. An act may have been carried out or not. Ends the transaction.
     Unanswered,
+    /// The file that was asked for. Ends the transaction.
+    Received {
+        /// Its name, as the controller writes it.
+        name: String,
+        /// Its bytes.
+        text: Vec<u8>,
+    },
+    /// A file is on its way.
+    Progress {
+        /// Bytes acknowledged so far.
+        done_bytes: usize,
+        /// Bytes in all, where that is known.
+        total_bytes: Option<usize>,
+    },
     /// Bytes that are no answer to anything open; they are dropped.
     Dropped {
         /// Why.
