@@ -183,8 +183,9 @@ impl Pair {
             }
             match output {
                 Output::Robot(datagram) => {
-                    self.servo_off_count +=
-                        usize::from(datagram.bytes == robot::hses::request(&SERVO_OFF, datagram.bytes[11]).encode());
+                    self.servo_off_count += usize::from(
+                        datagram.bytes == robot::hses::request(&SERVO_OFF, datagram.bytes[11]).unwrap().encode(),
+                    );
                     if !self.is_lost() {
                         self.send(LATENCY_NS, Delivery::ToRobot(datagram.bytes));
                     }

@@ -53,7 +53,7 @@ pub enum Command {
     ErrorCancel,
     /// Choose how far a started job runs.
     SetCycle(Cycle),
-    /// Show a text on the pendant: at most 30 bytes.
+    /// Show a text on the pendant: at most 30 printable ASCII characters.
     ShowText(String),
     /// Select the job that a start runs, and the line it begins at.
     SelectJob {

@@ -5,7 +5,7 @@
 //! [`RobotEvent::Unanswered`] and the session asks what happened before it decides.
 
 use super::command::{Command, Kind};
-use super::hses::{self, Answer};
+use super::hses::{self, Answer, Service};
 use super::reply::{Refusal, Reply};
 use crate::stamp::{Stamp, earlier};
 use std::collections::VecDeque;
@@ -54,6 +54,13 @@ pub enum RobotEvent {
         /// What was said.
         command: Command,
     },
+    /// The link has no way to say it; nothing was sent.
+    Unsayable {
+        /// What was to be said.
+        command: Command,
+        /// Why not.
+        reason: String,
+    },
     /// A datagram that is no answer to anything open; it is dropped.
     Dropped {
         /// Why.
@@ -79,6 +86,7 @@ pub struct Exchange {
 struct Open {
     command: Command,
     id: u8,
+    service: Service,
     sent_count: u32,
     first_sent: Stamp,
     due: Stamp,
@@ -100,6 +108,10 @@ impl Exchange {
 
     /// Says `command`. A set goes out at once; an ask or act waits until the open one has ended.
     pub fn say(&mut self, now: Stamp, command: Command) {
+        if let Err(error) = hses::request(&command, 0) {
+            let reason = error.to_string();
+            return self.events.push_back(RobotEvent::Unsayable { command, reason });
+        }
         match command.kind() {
             Kind::Set => {
                 let open = self.send(now, command, None);
@@ -129,9 +141,8 @@ impl Exchange {
             Err(error) => return self.drop_datagram(error.to_string(), true),
         };
         let fits = |open: &Option<Open>| {
-            open.as_ref().is_some_and(|open| {
-                open.id == answer.id && hses::request(&open.command, open.id).service as u8 == answer.service
-            })
+            open.as_ref()
+                .is_some_and(|open| open.id == answer.id && open.service as u8 == answer.service)
         };
         let slot = if fits(&self.safe) {
             &mut self.safe
@@ -223,8 +234,9 @@ impl Exchange {
         let id = self.next_id;
         self.next_id = self.next_id.checked_add(1).unwrap_or(1);
         let kind = command.kind();
+        let request = hses::request(&command, id).expect("say() lets only what can be said through");
         self.outbox.push_back(Datagram {
-            bytes: hses::request(&command, id).encode(),
+            bytes: request.encode(),
             kind,
         });
         let patience_ms = match kind {
@@ -234,6 +246,7 @@ impl Exchange {
         Open {
             command,
             id,
+            service: request.service,
             sent_count: before.as_ref().map_or(0, |before| before.sent_count) + 1,
             first_sent: before.map_or(now, |before| before.first_sent),
             due: now.plus_ms(patience_ms),
@@ -310,6 +323,21 @@ mod tests {
                 command: Command::ServoOn
             })
         );
+    }
+
+    #[test]
+    fn what_no_frame_carries_is_never_sent_and_said_so() {
+        let mut exchange = Exchange::new(SETTINGS);
+        let all = Command::ReadSignals {
+            first_group: 1,
+            count: 500,
+        };
+        exchange.say(at(0), all.clone());
+        assert!(drain(&mut exchange).is_empty());
+        assert_eq!(exchange.wake_at(), None);
+        assert!(matches!(exchange.poll_event(), Some(RobotEvent::Unsayable { command, .. }) if command == all));
+        exchange.say(at(1), Command::Status);
+        assert_eq!(drain(&mut exchange).len(), 1);
     }
 
     #[test]

@@ -6,6 +6,7 @@
 
 mod command;
 mod exchange;
+mod file;
 pub mod host;
 pub mod hses;
 mod pose;
@@ -15,6 +16,7 @@ mod variable;
 
 pub use command::{AlarmClass, Command, Cycle, Kind, Move, MovePulses, Path, Speed};
 pub use exchange::{Datagram, Exchange, ExchangeSettings, RobotEvent};
+pub use file::{FILE_BYTES_MAX, FileCommand, FileContent, FileContentError, FileEnding, FileName, FileNameError};
 pub use pose::WirePose;
 pub use reply::{Alarm, ExecutingJob, Position, Refusal, Reply, ReplyError, Status, SystemInformation};
 pub use variable::{Form, Frame, JobName, JobNameError, PositionVariable, Values, Variable, VariableKind};

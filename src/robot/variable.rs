@@ -28,6 +28,9 @@ pub enum VariableKind {
     Text,
     /// P: a position of the robot.
     Position,
+    /// M: a register of 16 bits, unsigned, shared with the controller's ladder program; 0 to 999, of which a client
+    /// may write 0 to 559.
+    Register,
 }
 
 /// Values of one kind, in the order of their variables.
@@ -41,10 +44,12 @@ pub enum Values {
     Double(Vec<i32>),
     /// R.
     Real(Vec<f32>),
-    /// S; at most 16 bytes each.
+    /// S; at most 16 printable ASCII characters each.
     Text(Vec<String>),
     /// P.
     Position(Vec<PositionVariable>),
+    /// M.
+    Register(Vec<u16>),
 }
 
 /// The value of a P variable.
@@ -116,6 +121,7 @@ impl Values {
             Self::Real(_) => VariableKind::Real,
             Self::Text(_) => VariableKind::Text,
             Self::Position(_) => VariableKind::Position,
+            Self::Register(_) => VariableKind::Register,
         }
     }
 
@@ -128,6 +134,7 @@ impl Values {
             Self::Real(values) => values.len(),
             Self::Text(values) => values.len(),
             Self::Position(values) => values.len(),
+            Self::Register(values) => values.len(),
         }
     }
 }
@@ -141,6 +148,7 @@ impl fmt::Display for Variable {
             VariableKind::Real => 'R',
             VariableKind::Text => 'S',
             VariableKind::Position => 'P',
+            VariableKind::Register => 'M',
         };
         write!(f, "{letter}{:03}", self.index)
     }

@@ -21,7 +21,9 @@ impl Drop for HoldOnPanic {
         if std::thread::panicking() {
             for id in HOLD_IDS {
                 // Nobody is left to hear of an error.
-                self.robot.send(&hses::request(&Command::HoldOn, id).encode()).ok();
+                if let Ok(hold) = hses::request(&Command::HoldOn, id) {
+                    self.robot.send(&hold.encode()).ok();
+                }
             }
         }
     }

@@ -261,7 +261,9 @@ impl Arm {
                     (self.heard, self.garbled_in_a_row) = (true, 0);
                     self.handle_refusal(now, command, refusal.added_status, refusal.words());
                 }
-                RobotEvent::Unanswered { command } => self.handle_silence(now, command),
+                RobotEvent::Unanswered { command } | RobotEvent::Unsayable { command, .. } => {
+                    self.handle_silence(now, command)
+                }
                 RobotEvent::Dropped { reason, malformed } => {
                     self.garbled_in_a_row = if malformed { self.garbled_in_a_row + 1 } else { 0 };
                     self.events.push_back(ArmEvent::Dropped(reason.clone()));

@@ -1,6 +1,6 @@
 //! Answers of HSES read as replies (`docs/protocols/hses.md`, section 2).
 
-use super::request::{BASE, ROBOT, TOOL, USER};
+use super::layout::{BASE, Layout, ROBOT, SIGNALS, TOOL, USER, layout};
 use super::wire::Answer;
 use crate::robot::command::Command;
 use crate::robot::pose::WirePose;
@@ -23,7 +23,9 @@ pub fn reply(command: &Command, answer: &Answer) -> Result<Reply, ReplyError> {
             })
         }
         Command::Alarm(_) | Command::AlarmHistory { .. } => {
-            length(data, 60)?;
+            if data.len() != ALARM_WITH_SUB_TEXT_BYTES {
+                length(data, 60)?;
+            }
             Reply::Alarm((u32_at(data, 0) != 0).then(|| Alarm {
                 code: u32_at(data, 0),
                 data: u32_at(data, 4),
@@ -49,23 +51,27 @@ pub fn reply(command: &Command, answer: &Answer) -> Result<Reply, ReplyError> {
                 model: text(&data[24..40]),
             })
         }
-        Command::ReadSignals { count: 1, .. } => {
-            length(data, 1)?;
-            Reply::Signals(data.to_vec())
+        Command::ReadSignals { count, .. } => Reply::Signals(elements(data, SIGNALS, *count)?.to_vec()),
+        Command::Read { first, count: 1 } if first.kind == VariableKind::Position => {
+            position_length(data)?;
+            let mut whole = [0; 52];
+            whole[..data.len()].copy_from_slice(data);
+            Reply::Values(Values::Position(vec![position_variable(&whole)?]))
         }
-        Command::ReadSignals { count, .. } => Reply::Signals(counted(data, *count, 1)?.to_vec()),
-        Command::Read { first, count: 1 } => Reply::Values(values(first.kind, 1, data)?),
         Command::Read { first, count } => {
-            let elements = counted(data, *count, size(first.kind))?;
-            Reply::Values(values(first.kind, usize::from(*count), elements)?)
+            let layout = layout(first.kind);
+            Reply::Values(values(first.kind, layout, elements(data, layout, *count)?)?)
         }
         _ => Reply::Done,
     })
 }
 
-/// What follows the count of an answer with `count` elements of `size` bytes.
-fn counted(data: &[u8], count: u16, size: usize) -> Result<&[u8], ReplyError> {
-    length(data, 4 + usize::from(count) * size)?;
+/// The bytes of `count` values: alone, or after their count.
+fn elements(data: &[u8], layout: Layout, count: u16) -> Result<&[u8], ReplyError> {
+    if count == 1 {
+        return one(data, layout);
+    }
+    length(data, 4 + usize::from(count) * layout.bytes)?;
     let stated = u32_at(data, 0);
     if stated != u32::from(count) {
         return Err(ReplyError::Field {
@@ -76,12 +82,27 @@ fn counted(data: &[u8], count: u16, size: usize) -> Result<&[u8], ReplyError> {
     Ok(&data[4..])
 }
 
-fn values(kind: VariableKind, count: usize, data: &[u8]) -> Result<Values, ReplyError> {
-    length(data, count * size(kind))?;
-    let chunks = data.chunks_exact(size(kind));
+/// The bytes of a single value. Some controllers give a short one a slot of four bytes; what fills it must be the
+/// value's sign.
+fn one(data: &[u8], layout: Layout) -> Result<&[u8], ReplyError> {
+    if data.len() == SLOT_BYTES && layout.bytes < SLOT_BYTES {
+        let (value, filler) = data.split_at(layout.bytes);
+        let negative = value[layout.bytes - 1] & 0x80 != 0;
+        if filler.iter().all(|&byte| byte == 0) || negative && filler.iter().all(|&byte| byte == 0xFF) {
+            return Ok(value);
+        }
+    }
+    length(data, layout.bytes)?;
+    Ok(data)
+}
+
+/// Reads whole values of one kind.
+fn values(kind: VariableKind, layout: Layout, data: &[u8]) -> Result<Values, ReplyError> {
+    let chunks = data.chunks_exact(layout.bytes);
     Ok(match kind {
         VariableKind::Byte => Values::Byte(data.to_vec()),
         VariableKind::Integer => Values::Integer(chunks.map(|two| i16::from_le_bytes([two[0], two[1]])).collect()),
+        VariableKind::Register => Values::Register(chunks.map(|two| u16::from_le_bytes([two[0], two[1]])).collect()),
         VariableKind::Double => Values::Double(chunks.map(|four| u32_at(four, 0) as i32).collect()),
         VariableKind::Real => Values::Real(chunks.map(|four| f32::from_bits(u32_at(four, 0))).collect()),
         VariableKind::Text => Values::Text(chunks.map(text).collect()),
@@ -89,16 +110,7 @@ fn values(kind: VariableKind, count: usize, data: &[u8]) -> Result<Values, Reply
     })
 }
 
-fn size(kind: VariableKind) -> usize {
-    match kind {
-        VariableKind::Byte => 1,
-        VariableKind::Integer => 2,
-        VariableKind::Double | VariableKind::Real => 4,
-        VariableKind::Text => 16,
-        VariableKind::Position => 52,
-    }
-}
-
+/// `data` has 52 bytes.
 fn position_variable(data: &[u8]) -> Result<PositionVariable, ReplyError> {
     let word = |index: usize| u32_at(data, index * 4) as i32;
     let tool = byte_field("tool", word(2))?;
@@ -186,3 +198,8 @@ fn text(bytes: &[u8]) -> String {
     let end = bytes.iter().position(|&byte| byte == 0).unwrap_or(bytes.len());
     String::from_utf8_lossy(&bytes[..end]).trim().to_owned()
 }
+
+/// An alarm record followed by its sub-texts (16, 96 and 96 bytes), which some controllers always send.
+const ALARM_WITH_SUB_TEXT_BYTES: usize = 268;
+/// The slot that some controllers give every single number.
+const SLOT_BYTES: usize = 4;

@@ -10,7 +10,11 @@ pub const DATA_BYTES_MAX: usize = 479;
 const IDENTIFIER: &[u8; 4] = b"YERC";
 const RESERVE_2: &[u8; 8] = b"99999999";
 const ROBOT_DIVISION: u8 = 1;
-const ANSWER_BLOCK: u32 = 0x8000_0000;
+const FILE_DIVISION: u8 = 2;
+/// Marks the last block of a file, and every answer of the robot control port.
+const LAST: u32 = 0x8000_0000;
+/// Marks the service of an answer.
+const ANSWERED: u8 = 0x80;
 
 /// What a request asks the controller to do with an attribute.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -62,6 +66,54 @@ pub struct Answer {
     pub data: Vec<u8>,
 }
 
+/// What a request to the file control port asks for; the controller's point of view, as in the manuals.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub enum FileService {
+    /// Delete a file.
+    Delete = 0x09,
+    /// From us to the controller.
+    Load = 0x15,
+    /// From the controller to us.
+    Save = 0x16,
+    /// List the files of one ending.
+    List = 0x32,
+}
+
+/// The block-number field: a number, and in its highest bit whether the block is the last.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Block(pub u32);
+
+/// One frame to the file control port: a request (block 0), a block of a file, or the acknowledgement of a block.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FileFrame {
+    /// Chosen by us, the same through one transfer.
+    pub id: u8,
+    /// `Block(0)` for a request.
+    pub block: Block,
+    /// What to do.
+    pub service: FileService,
+    /// At most [`DATA_BYTES_MAX`] bytes; none in an acknowledgement.
+    pub data: Vec<u8>,
+}
+
+/// One frame from the file control port: an answer, a block of a file, or the acknowledgement of a block.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FileAnswer {
+    /// The id of the request it belongs to.
+    pub id: u8,
+    /// Which block.
+    pub block: Block,
+    /// The service of the request (without the answer bit).
+    pub service: u8,
+    /// 0 when all is well.
+    pub status: u8,
+    /// Why not, when `status` is not 0.
+    pub added_status: u16,
+    /// The data.
+    pub data: Vec<u8>,
+}
+
 /// Why a datagram is not an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum WireError {
@@ -82,13 +134,15 @@ pub enum WireError {
         /// What follows the header.
         found: usize,
     },
-    /// Not a robot-division answer frame.
-    #[error("not an answer of the robot division (division {division}, ACK {ack}, service {service:#04x})")]
+    /// Not an answer of the port that was asked.
+    #[error("not an answer (division {division}, ACK {ack}, block {block:#010x}, service {service:#04x})")]
     NotAnAnswer {
         /// Byte 9.
         division: u8,
         /// Byte 10.
         ack: u8,
+        /// Bytes 12 to 15.
+        block: u32,
         /// Byte 24.
         service: u8,
     },
@@ -97,56 +151,155 @@ pub enum WireError {
 impl Request {
     /// The datagram.
     pub fn encode(&self) -> Vec<u8> {
-        debug_assert!(self.data.len() <= DATA_BYTES_MAX);
-        let mut bytes = Vec::with_capacity(HEADER_BYTES + self.data.len());
-        bytes.extend_from_slice(IDENTIFIER);
-        bytes.extend_from_slice(&(HEADER_BYTES as u16).to_le_bytes());
-        bytes.extend_from_slice(&(self.data.len() as u16).to_le_bytes());
-        bytes.extend_from_slice(&[3, ROBOT_DIVISION, 0, self.id]);
-        bytes.extend_from_slice(&0u32.to_le_bytes());
-        bytes.extend_from_slice(RESERVE_2);
-        bytes.extend_from_slice(&self.command.to_le_bytes());
-        bytes.extend_from_slice(&self.instance.to_le_bytes());
-        bytes.extend_from_slice(&[self.attribute, self.service as u8, 0, 0]);
-        bytes.extend_from_slice(&self.data);
-        bytes
+        let [command, instance] = [self.command, self.instance].map(u16::to_le_bytes);
+        let sub_header = [
+            command[0],
+            command[1],
+            instance[0],
+            instance[1],
+            self.attribute,
+            self.service as u8,
+            0,
+            0,
+        ];
+        frame([ROBOT_DIVISION, 0, self.id], 0, sub_header, &self.data)
+    }
+}
+
+impl FileFrame {
+    /// The datagram. A frame that goes on with a transfer (its block is not 0) carries the ACK mark.
+    pub fn encode(&self) -> Vec<u8> {
+        let ack = u8::from(self.block.0 != 0);
+        let sub_header = [0, 0, 0, 0, 0, self.service as u8, 0, 0];
+        frame([FILE_DIVISION, ack, self.id], self.block.0, sub_header, &self.data)
+    }
+}
+
+impl Block {
+    /// The block of this number, 1 and up.
+    pub fn new(number: u32, last: bool) -> Self {
+        Self(number & !LAST | if last { LAST } else { 0 })
+    }
+
+    /// Its number; 0 for an answer to the request itself.
+    pub fn number(self) -> u32 {
+        self.0 & !LAST
+    }
+
+    /// Whether it is marked as the last.
+    pub fn is_last(self) -> bool {
+        self.0 & LAST != 0
     }
 }
 
 impl Answer {
     /// Reads a datagram. The added status is read whenever the status is not 0, whatever its size byte says.
+    ///
+    /// # Errors
+    ///
+    /// The datagram is not an answer of the robot control port.
     pub fn decode(bytes: &[u8]) -> Result<Self, WireError> {
-        if bytes.len() < HEADER_BYTES {
-            return Err(WireError::Short(bytes.len()));
+        let (header, data) = Header::decode(bytes, ROBOT_DIVISION)?;
+        if header.block != Block(LAST) {
+            return Err(header.not_an_answer());
         }
-        if &bytes[0..4] != IDENTIFIER {
+        Ok(Self {
+            id: header.id,
+            service: header.service & !ANSWERED,
+            status: header.status,
+            added_status: header.added_status,
+            data: data.to_vec(),
+        })
+    }
+}
+
+impl FileAnswer {
+    /// Reads a datagram, as [`Answer::decode`] does.
+    ///
+    /// # Errors
+    ///
+    /// The datagram is not an answer of the file control port.
+    pub fn decode(bytes: &[u8]) -> Result<Self, WireError> {
+        let (header, data) = Header::decode(bytes, FILE_DIVISION)?;
+        Ok(Self {
+            id: header.id,
+            block: header.block,
+            service: header.service & !ANSWERED,
+            status: header.status,
+            added_status: header.added_status,
+            data: data.to_vec(),
+        })
+    }
+}
+
+/// What the answers of both ports have before their data.
+struct Header {
+    division: u8,
+    ack: u8,
+    id: u8,
+    block: Block,
+    service: u8,
+    status: u8,
+    added_status: u16,
+}
+
+impl Header {
+    /// The header of an answer of `division`, and its data.
+    fn decode(bytes: &[u8], division: u8) -> Result<(Self, &[u8]), WireError> {
+        let Some((head, data)) = bytes.split_first_chunk::<HEADER_BYTES>() else {
+            return Err(WireError::Short(bytes.len()));
+        };
+        if &head[0..4] != IDENTIFIER {
             return Err(WireError::Identifier);
         }
-        let u16_at = |at: usize| u16::from_le_bytes([bytes[at], bytes[at + 1]]);
+        let u16_at = |at: usize| u16::from_le_bytes([head[at], head[at + 1]]);
         if usize::from(u16_at(4)) != HEADER_BYTES {
             return Err(WireError::HeaderSize(u16_at(4)));
         }
-        let found = bytes.len() - HEADER_BYTES;
-        if usize::from(u16_at(6)) != found || found > DATA_BYTES_MAX {
+        if usize::from(u16_at(6)) != data.len() || data.len() > DATA_BYTES_MAX {
             return Err(WireError::DataSize {
                 stated: u16_at(6),
-                found,
+                found: data.len(),
             });
         }
-        let block = u32::from_le_bytes([bytes[12], bytes[13], bytes[14], bytes[15]]);
-        let (division, ack, service) = (bytes[9], bytes[10], bytes[24]);
-        if division != ROBOT_DIVISION || ack != 1 || service & 0x80 == 0 || block != ANSWER_BLOCK {
-            return Err(WireError::NotAnAnswer { division, ack, service });
+        let header = Self {
+            division: head[9],
+            ack: head[10],
+            id: head[11],
+            block: Block(u32::from_le_bytes([head[12], head[13], head[14], head[15]])),
+            service: head[24],
+            status: head[25],
+            added_status: if head[25] == 0 { 0 } else { u16_at(28) },
+        };
+        if header.division != division || header.ack != 1 || header.service & ANSWERED == 0 {
+            return Err(header.not_an_answer());
         }
-        let status = bytes[25];
-        Ok(Self {
-            id: bytes[11],
-            service: service & 0x7F,
-            status,
-            added_status: if status == 0 { 0 } else { u16_at(28) },
-            data: bytes[HEADER_BYTES..].to_vec(),
-        })
+        Ok((header, data))
     }
+
+    fn not_an_answer(&self) -> WireError {
+        WireError::NotAnAnswer {
+            division: self.division,
+            ack: self.ack,
+            service: self.service,
+            block: self.block.0,
+        }
+    }
+}
+
+/// A datagram; the data are at most [`DATA_BYTES_MAX`] bytes (`request` and `Files` hold that).
+fn frame([division, ack, id]: [u8; 3], block: u32, sub_header: [u8; 8], data: &[u8]) -> Vec<u8> {
+    debug_assert!(data.len() <= DATA_BYTES_MAX);
+    let mut bytes = Vec::with_capacity(HEADER_BYTES + data.len());
+    bytes.extend_from_slice(IDENTIFIER);
+    bytes.extend_from_slice(&(HEADER_BYTES as u16).to_le_bytes());
+    bytes.extend_from_slice(&(data.len() as u16).to_le_bytes());
+    bytes.extend_from_slice(&[3, division, ack, id]);
+    bytes.extend_from_slice(&block.to_le_bytes());
+    bytes.extend_from_slice(RESERVE_2);
+    bytes.extend_from_slice(&sub_header);
+    bytes.extend_from_slice(data);
+    bytes
 }
 
 #[cfg(test)]

@@ -142,6 +142,7 @@ fn values(kind: VariableKind, text: &str, fields: &[&str]) -> Result<Values, Rep
         },
         VariableKind::Text => Values::Text(vec![text.trim().to_owned()]),
         VariableKind::Position => Values::Position(vec![position_variable(fields)?]),
+        VariableKind::Register => Values::Register(vec![number("register", one()?)?]),
     })
 }
 

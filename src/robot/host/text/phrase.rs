@@ -30,7 +30,7 @@ pub fn phrase(command: &Command, form: Option<Form>) -> Result<Phrase, Unsupport
         Command::Pulses => ("RPOSJ", String::new()),
         Command::ExecutingJob => ("RJSEQ", String::new()),
         Command::SystemInformation => ("RJDIR", "*".into()),
-        Command::Read { first, count: 1 } => ("SAVEV", variable(*first)),
+        Command::Read { first, count: 1 } => ("SAVEV", variable(*first)?),
         Command::Read { count, .. } => {
             return Err(Unsupported::Several {
                 count: usize::from(*count),
@@ -55,7 +55,7 @@ pub fn phrase(command: &Command, form: Option<Form>) -> Result<Phrase, Unsupport
         Command::SelectJob { job, line } if *line <= LINE_MAX => ("JSEQ", format!("{job},{line}")),
         Command::SelectJob { line, .. } => return Err(value("line", line)),
         Command::StartJob => ("START", String::new()),
-        Command::Write { first, values } => ("LOADV", format!("{},{}", variable(*first), written(values)?)),
+        Command::Write { first, values } => ("LOADV", format!("{},{}", variable(*first)?, written(values)?)),
         Command::Order { variable, value } => ("LOADV", format!("2,{variable},{value}")),
         Command::Move(target) => cartesian(target, form)?,
         Command::MovePulses(target) => by_axes(target)?,
@@ -63,8 +63,8 @@ pub fn phrase(command: &Command, form: Option<Form>) -> Result<Phrase, Unsupport
     Ok(Phrase { name, data })
 }
 
-/// The number of a kind of variable.
-fn variable(variable: Variable) -> String {
+/// Kind and number.
+fn variable(variable: Variable) -> Result<String, Unsupported> {
     let kind = match variable.kind {
         VariableKind::Byte => 0,
         VariableKind::Integer => 1,
@@ -72,8 +72,9 @@ fn variable(variable: Variable) -> String {
         VariableKind::Real => 3,
         VariableKind::Position => 4,
         VariableKind::Text => 7,
+        VariableKind::Register => return Err(Unsupported::Command("registers")),
     };
-    format!("{kind},{}", variable.index)
+    Ok(format!("{kind},{}", variable.index))
 }
 
 fn written(values: &Values) -> Result<String, Unsupported> {
@@ -88,6 +89,7 @@ fn written(values: &Values) -> Result<String, Unsupported> {
         Values::Real(values) => return Err(value("real", values[0])),
         Values::Text(values) => plain(&values[0], VARIABLE_BYTES_MAX, ",")?,
         Values::Position(values) => position_variable(&values[0])?,
+        Values::Register(_) => return Err(Unsupported::Command("registers")),
     })
 }
 
