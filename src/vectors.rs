@@ -10,6 +10,16 @@ pub(crate) fn a3dp(name: &str) -> Vec<u8> {
     find(include_str!("../docs/protocols/camera.md"), name)
 }
 
+/// A vector of `docs/protocols/host_control.md`.
+pub(crate) fn host(name: &str) -> Vec<u8> {
+    find(include_str!("../docs/protocols/host_control.md"), name)
+}
+
+/// A vector of `docs/protocols/bsc_like.md`.
+pub(crate) fn bsc(name: &str) -> Vec<u8> {
+    find(include_str!("../docs/protocols/bsc_like.md"), name)
+}
+
 fn find(page: &str, name: &str) -> Vec<u8> {
     let fence = format!("```hex {name}\n");
     let start = page

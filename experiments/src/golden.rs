@@ -1,88 +1,162 @@
 //! Golden HSES frames: the client's requests must equal them, the simulated controller must answer them.
 
+mod client;
+
 use std::error::Error;
 use std::io::Write;
 use std::path::PathBuf;
 
 use bladescan::job::hex;
+use bladescan::robot::Command;
 use bladescan::robot::hses::{self, Answer};
-use bladescan::robot::{Command, Move, Path, Reply, Speed, WirePose};
 use clap::Args;
+use client::Asked;
 use hw_sim::robot::controller::{Controller, RobotOutput, Settings};
 use hw_sim::robot::pose::Pose;
 use serde_json::Value;
 
 #[derive(Args)]
 pub(crate) struct GoldenArguments {
-    /// JSON list of objects with `name` and `hex`.
-    file: PathBuf,
+    /// JSON list of objects with `name` and `hex`, or with `op` and the datagrams of one or two clients.
+    files: Vec<PathBuf>,
 }
 
-/// The pose of the golden move and position.
-const POSE: WirePose = WirePose {
-    position_um: [500_000, -250_000, 750_000],
-    rotation_e4_deg: [1_800_000, 0, -900_000],
-};
+/// What was compared.
+#[derive(Default)]
+struct Tally {
+    checked: usize,
+    wrong: usize,
+    left_out: usize,
+    unserved: usize,
+}
 
 pub(crate) fn run(arguments: &GoldenArguments) -> Result<(), Box<dyn Error>> {
     let mut out = std::io::stdout().lock();
-    let vectors: Vec<Value> = serde_json::from_slice(&std::fs::read(&arguments.file)?)?;
-    let (mut checked, mut wrong) = (0, 0);
-    for vector in &vectors {
-        let name = vector["name"].as_str().ok_or("a vector without a name")?;
-        let bytes = bytes(vector["hex"].as_str().ok_or("a vector without hex")?)?;
-        let verdicts = match (command(name), name.starts_with("ans_")) {
-            (Some((command, id)), _) => vec![
-                ("client sends it", hses::request(&command, id)?.encode() == bytes),
-                ("simulator answers it", is_answered(&command, &bytes)),
-            ],
-            (None, true) => match understood(name, &bytes) {
-                Some(verdict) => vec![("client understands it", verdict)],
-                None => continue,
-            },
-            (None, false) => continue,
-        };
-        for (what, right) in verdicts {
-            checked += 1;
-            wrong += usize::from(!right);
-            writeln!(out, "{:5} {name}: {what}", if right { "ok" } else { "WRONG" })?;
+    let mut wrong = 0;
+    for file in &arguments.files {
+        let vectors: Vec<Value> = serde_json::from_slice(&std::fs::read(file)?)?;
+        let mut tally = Tally::default();
+        for vector in &vectors {
+            let lines = match vector["name"].as_str() {
+                Some(name) => frame(name, &bytes(&vector["hex"])?, &mut tally),
+                None => operation(vector, &mut tally)?,
+            };
+            for line in lines {
+                writeln!(out, "{line}")?;
+            }
         }
+        writeln!(
+            out,
+            "{}: {} vectors, {} left out; {} checks, {} wrong; {} requests that the simulator does not serve",
+            file.display(),
+            vectors.len(),
+            tally.left_out,
+            tally.checked,
+            tally.wrong,
+            tally.unserved
+        )?;
+        wrong += tally.wrong;
     }
-    writeln!(
-        out,
-        "{checked} checks, {wrong} wrong; vectors of commands that are not built are left out"
-    )?;
     if wrong > 0 {
         return Err("a golden vector is not met".into());
     }
     Ok(())
 }
 
-/// The command behind a golden request, with the request id of the vector.
-fn command(name: &str) -> Option<(Command, u8)> {
-    let target = Move {
-        base_from_tool: POSE,
-        path: Path::Straight,
-        speed: Speed::ToolPoint(500),
-        tool: 1,
+/// Checks one golden frame: as a request if we say it, else as an answer.
+fn frame(name: &str, golden: &[u8], tally: &mut Tally) -> Vec<String> {
+    let text = golden.get(32..).unwrap_or_default();
+    let Some(asked) = client::asked(name, text) else {
+        return match client::understood(name, golden) {
+            Some(right) => vec![tally.check(right, name, "client understands it")],
+            None => vec![tally.leave_out(name, client::left_out(name).unwrap_or("nothing here answers so"))],
+        };
     };
-    Some(match name {
-        "req_status_0x72_all" => (Command::Status, 0),
-        "req_alarm_0x70_1_all" => (Command::Alarm(0), 0),
-        "req_position_base_R1" => (Command::Position, 1),
-        "req_hold_on" => (Command::HoldOn, 1),
-        "req_hold_off" => (Command::HoldOff, 1),
-        "req_servo_on" => (Command::ServoOn, 1),
-        "req_servo_off" => (Command::ServoOff, 1),
-        "req_alarm_reset" => (Command::AlarmReset, 1),
-        "req_error_cancel" => (Command::ErrorCancel, 1),
-        "req_move_cart_linear_base_50mm_s" => (Command::Move(target), 1),
-        _ => return None,
-    })
+    let id = golden.get(11).copied().unwrap_or_default();
+    // Of a transfer, the golden frame is the last datagram.
+    let equal = client::sent(&asked, id).last().is_some_and(|sent| sent == golden);
+    let mut lines = vec![tally.check(equal, name, "client sends it")];
+    if let Asked::Command(command) = &asked {
+        lines.extend(tally.serve(name, command, golden));
+    }
+    lines
 }
 
-/// Whether a ready simulated controller carries the golden request out and answers so that the client understands.
-fn is_answered(command: &Command, request: &[u8]) -> bool {
+/// Checks what two public clients send for one operation: we send the same, or what the one with native widths sends.
+fn operation(vector: &Value, tally: &mut Tally) -> Result<Vec<String>, Box<dyn Error>> {
+    let name = vector["op"].as_str().ok_or("neither name nor op")?;
+    let mut clients = Vec::new();
+    for client in ["fs100", "yrcom"] {
+        let datagrams: Vec<Vec<u8>> = vector[client]
+            .as_array()
+            .ok_or("a client without a list")?
+            .iter()
+            .map(bytes)
+            .collect::<Result<_, _>>()?;
+        if !datagrams.is_empty() {
+            clients.push((client, datagrams));
+        }
+    }
+    let (first, golden) = clients.first().ok_or("an operation without datagrams")?;
+    let text = golden
+        .last()
+        .and_then(|datagram| datagram.get(32..))
+        .unwrap_or_default();
+    let Some(asked) = client::asked(name, text) else {
+        return Ok(vec![
+            tally.leave_out(name, client::left_out(name).unwrap_or("unknown here")),
+        ]);
+    };
+    let mut expected = golden.clone();
+    let mut ours = client::sent(&asked, 0);
+    let mut lines = Vec::new();
+    for (word, why) in client::chosen_words(name) {
+        let place = 32 + 4 * word..36 + 4 * word;
+        for datagram in expected.iter_mut().chain(&mut ours) {
+            datagram[place.clone()].fill(0);
+        }
+        lines.push(format!("      {name}: {why}"));
+    }
+    let also = match clients.get(1) {
+        Some((_, other)) if other == golden => "as both clients do",
+        Some(_) => "as one client does; the other differs",
+        None => "as the only client does",
+    };
+    lines.push(tally.check(ours == expected, name, &format!("client sends it {also} ({first})")));
+    // Where we differ by choice, the simulator owes no answer to what we never say.
+    if let (Asked::Command(command), []) = (&asked, client::chosen_words(name)) {
+        lines.extend(tally.serve(name, command, &golden[0]));
+    }
+    Ok(lines)
+}
+
+impl Tally {
+    fn check(&mut self, right: bool, name: &str, what: &str) -> String {
+        self.checked += 1;
+        self.wrong += usize::from(!right);
+        format!("{:5} {name}: {what}", if right { "ok" } else { "WRONG" })
+    }
+
+    fn leave_out(&mut self, name: &str, why: &str) -> String {
+        self.left_out += 1;
+        format!("out   {name}: {why}")
+    }
+
+    /// Whether the simulator answers well; a command that it does not know is counted, not judged.
+    fn serve(&mut self, name: &str, command: &Command, golden: &[u8]) -> Option<String> {
+        match is_answered(command, golden) {
+            Some(right) => Some(self.check(right, name, "simulator answers it")),
+            None => {
+                self.unserved += 1;
+                None
+            }
+        }
+    }
+}
+
+/// Whether a ready simulated controller carries the golden request out and answers so that the client understands;
+/// `None` if it does not know the command.
+fn is_answered(command: &Command, request: &[u8]) -> Option<bool> {
     let mut robot = Controller::new(Settings {
         home: Pose::from_mm_deg([800.0, 0.0, 900.0], [0.0; 3]),
         workspace_min_um: [-2_000_000; 3],
@@ -104,46 +178,20 @@ fn is_answered(command: &Command, request: &[u8]) -> bool {
         ask(&hses::request(&Command::ServoOn, 9).expect("it fits").encode());
     }
     let Some(answer) = ask(request).and_then(|bytes| Answer::decode(&bytes).ok()) else {
-        return false;
+        return Some(false);
     };
-    answer.id == request[11] && answer.status == 0 && hses::reply(command, &answer).is_ok()
+    let good = answer.id == request[11] && answer.status == 0 && hses::reply(command, &answer).is_ok();
+    (answer.status != UNDEFINED_COMMAND).then_some(good)
 }
 
-/// Whether the client reads a golden answer as what it is; `None` for answers to commands that are not built.
-fn understood(name: &str, bytes: &[u8]) -> Option<bool> {
-    let answer = Answer::decode(bytes).ok();
-    let reply = |command: Command| answer.as_ref().and_then(|answer| hses::reply(&command, answer).ok());
-    let refused = |status, added| {
-        answer
-            .as_ref()
-            .is_some_and(|answer| (answer.status, answer.added_status) == (status, added))
-    };
-    Some(match name {
-        "ans_status_play_remote_servo_on" => {
-            matches!(reply(Command::Status), Some(Reply::Status(status)) if status.remote() && status.servo_on() && !status.running())
-        }
-        "ans_status_running" => matches!(reply(Command::Status), Some(Reply::Status(status)) if status.running()),
-        "ans_status_hold_alarm" => {
-            matches!(reply(Command::Status), Some(Reply::Status(status)) if status.held_by_command() && status.alarm())
-        }
-        "ans_set_ok" => reply(Command::HoldOn) == Some(Reply::Done),
-        "ans_err_2010_on_move" => refused(0x1F, 0x2010),
-        "ans_err_2100_cmd_remote_not_set" => refused(0x1F, 0x2100),
-        "ans_err_3450_servo_on_refused" => refused(0x1F, 0x3450),
-        "ans_err_undefined_command_0x08" => refused(0x08, 0),
-        "ans_position_base_R1" => {
-            matches!(reply(Command::Position), Some(Reply::Position(position)) if position.base_from_tool == POSE && position.tool == 1)
-        }
-        "ans_alarm_none" => reply(Command::Alarm(0)) == Some(Reply::Alarm(None)),
-        "ans_alarm_4315" => matches!(reply(Command::Alarm(0)), Some(Reply::Alarm(Some(alarm))) if alarm.code == 4315),
-        _ => return None,
-    })
-}
-
-fn bytes(digits: &str) -> Result<Vec<u8>, Box<dyn Error>> {
+fn bytes(digits: &Value) -> Result<Vec<u8>, Box<dyn Error>> {
+    let digits = digits.as_str().ok_or("a vector without hex")?;
     let bytes = (0..digits.len() / 2)
         .map(|at| u8::from_str_radix(&digits[2 * at..2 * at + 2], 16))
         .collect::<Result<Vec<u8>, _>>()?;
     debug_assert_eq!(hex(&bytes), digits);
     Ok(bytes)
 }
+
+/// The status byte of a controller that does not know a command.
+const UNDEFINED_COMMAND: u8 = 0x08;

@@ -1,8 +1,8 @@
 //! The DX200 controller: meaning to bytes and back, without I/O.
 //!
-//! [`Command`] says what we want and [`Reply`] what came of it, whatever the link. [`hses`] turns them into datagrams; its
-//! bytes are fixed by `docs/protocols/hses.md`. [`Exchange`] is the conversation: what is open, what is said again, what
-//! has remained without an answer.
+//! [`Command`] says what we want and [`Reply`] what came of it, whatever the link. [`hses`] turns them into datagrams,
+//! [`host`] into text over TCP or a serial line; the bytes are fixed by `docs/protocols/`. [`Exchange`] is the conversation:
+//! what is open, what is said again, what has remained without an answer.
 
 mod command;
 mod exchange;

@@ -153,8 +153,7 @@ impl TcpLink {
     pub fn handle_bytes(&mut self, now: Stamp, bytes: &[u8]) {
         for (at, &byte) in bytes.iter().enumerate() {
             if matches!(self.state, State::Closed | State::Connecting { .. }) {
-                let count = bytes.len() - at;
-                return self.dropped(format!("{count} bytes came without a connection"), false);
+                return self.drop_behind_the_end(&bytes[at..]);
             }
             match self.lines.push(byte) {
                 Ok(None) => {}
@@ -383,6 +382,13 @@ impl TcpLink {
 
     fn send(&mut self, bytes: Vec<u8>, kind: Kind) {
         self.outbox.push_back(LinkOutput::Bytes { bytes, kind });
+    }
+
+    /// The LF of the line that closed the connection is no event.
+    fn drop_behind_the_end(&mut self, bytes: &[u8]) {
+        if bytes != b"\n" {
+            self.dropped(format!("{} bytes came without a connection", bytes.len()), false);
+        }
     }
 
     fn dropped(&mut self, reason: String, malformed: bool) {

@@ -64,7 +64,7 @@ pub fn phrase(command: &Command, form: Option<Form>) -> Result<Phrase, Unsupport
     Ok(Phrase { name, data })
 }
 
-/// The number of a kind of variable.
+/// Kind and number.
 fn variable(variable: Variable) -> Result<String, Unsupported> {
     let kind = match variable.kind {
         VariableKind::Byte => 0,

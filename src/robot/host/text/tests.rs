@@ -284,6 +284,10 @@ fn what_host_control_cannot_say_is_refused_before_it_is_said() {
     };
     let refused = |command: &Command| phrase(command, Some(NO_FLIP)).unwrap_err();
     assert_eq!(refused(&history), Unsupported::Command("alarm history"));
+    let m0 = variable(VariableKind::Register, 0);
+    let registers = Unsupported::Command("registers");
+    assert_eq!(refused(&Command::Read { first: m0, count: 1 }), registers);
+    assert_eq!(refused(&write(m0, Values::Register(vec![1]))), registers);
     let b0 = variable(VariableKind::Byte, 0);
     let several = Unsupported::Several { count: 2 };
     assert_eq!(refused(&Command::Read { first: b0, count: 2 }), several);

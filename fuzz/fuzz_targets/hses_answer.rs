@@ -1,0 +1,10 @@
+//! An answer of the robot port, read as the reply to every command.
+#![no_main]
+#![allow(dead_code, reason = "the other targets use the rest")]
+
+#[path = "../../experiments/src/fuzz/hses.rs"]
+mod hses;
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
+    hses::answer(bytes);
+});
