@@ -10,6 +10,7 @@ use crate::camera::optics::Optics;
 use crate::camera::render::{Capture, Draws, Frame, Renderer};
 use crate::pose_error::{calibration_error, pose_error};
 use crate::robot::controller::{Controller, Panel, RobotOutput, Settings};
+use crate::robot::hses::Port;
 use crate::scene::Scene;
 use crate::truth::Truth;
 
@@ -178,7 +179,7 @@ impl Cell {
         self.camera.handle_wake(now_ns);
         self.drain_camera(now_ns);
         match input {
-            Input::RobotDatagram { from, bytes } => self.robot.handle_datagram(now_ns, from, &bytes),
+            Input::RobotDatagram { from, bytes } => self.robot.handle_datagram(now_ns, Port::Robot, from, &bytes),
             Input::Panel(panel) => self.robot.handle_panel(now_ns, panel),
             Input::CameraConnected { connection } => self.camera.handle_connected(now_ns, connection),
             Input::CameraBytes { connection, bytes } => self.camera.handle_bytes(now_ns, connection, &bytes),
@@ -189,7 +190,7 @@ impl Cell {
         self.drain_camera(now_ns);
         while let Some(output) = self.robot.poll_output() {
             self.outputs.push_back(match output {
-                RobotOutput::Datagram { to, bytes } => Output::RobotDatagram { to, bytes },
+                RobotOutput::Datagram { to, bytes, .. } => Output::RobotDatagram { to, bytes },
                 RobotOutput::Violation(text) => Output::Violation(text),
             });
         }

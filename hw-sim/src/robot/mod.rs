@@ -8,7 +8,6 @@ pub mod axes;
 pub mod controller;
 pub mod files;
 pub mod hses;
-mod hses_commands;
 pub mod io;
 pub mod job;
 pub mod motion;
