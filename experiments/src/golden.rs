@@ -8,6 +8,7 @@ use bladescan::job::hex;
 use bladescan::robot::{Answer, Command, Move, Reply, Speed, WirePose};
 use clap::Args;
 use hw_sim::robot::controller::{Controller, RobotOutput, Settings};
+use hw_sim::robot::hses::Port;
 use hw_sim::robot::pose::Pose;
 use serde_json::Value;
 
@@ -92,7 +93,7 @@ fn is_answered(command: &Command, request: &[u8]) -> bool {
     });
     let from = ([127, 0, 0, 1], 5000).into();
     let mut ask = |datagram: &[u8]| {
-        robot.handle_datagram(0, from, datagram);
+        robot.handle_datagram(0, Port::Robot, from, datagram);
         match robot.poll_output() {
             Some(RobotOutput::Datagram { bytes, .. }) => Some(bytes),
             _ => None,
