@@ -10,6 +10,7 @@ use crate::camera::optics::Optics;
 use crate::camera::render::{Capture, Draws, Frame, Renderer};
 use crate::pose_error::{calibration_error, pose_error};
 use crate::robot::controller::{Panel, Settings};
+use crate::robot::hses::Port;
 use crate::robot::ports::{PortInput, PortOutput, Ports};
 use crate::scene::Scene;
 use crate::truth::Truth;
@@ -185,6 +186,7 @@ impl Cell {
         self.drain_camera(now_ns);
         let at_robot = match &input {
             Input::RobotDatagram { from, bytes } => PortInput::Datagram {
+                port: Port::Robot,
                 from: *from,
                 bytes: bytes.clone(),
             },
@@ -203,7 +205,11 @@ impl Cell {
         self.drain_camera(now_ns);
         while let Some(output) = self.robot.poll_output() {
             self.outputs.push_back(match output {
-                PortOutput::Datagram { to, bytes } => Output::RobotDatagram { to, bytes },
+                PortOutput::Datagram {
+                    port: Port::Robot,
+                    to,
+                    bytes,
+                } => Output::RobotDatagram { to, bytes },
                 PortOutput::Violation(text) => Output::Violation(text),
                 other => Output::RobotPort(other),
             });

@@ -131,6 +131,9 @@ struct ServeArgs {
     /// UDP port of the robot; 0 = any free one.
     #[arg(long, default_value_t = 0)]
     hses_port: u16,
+    /// UDP port of the robot's files; 0 = any free one.
+    #[arg(long, default_value_t = 0)]
+    hses_file_port: u16,
     /// TCP port of the robot's host control; 0 = any free one.
     #[arg(long, default_value_t = 0)]
     host_control_port: u16,
@@ -231,6 +234,7 @@ fn serve(args: ServeArgs, devices: Devices) -> Result<(), CliError> {
         let has_robot = devices != Devices::Camera;
         let sockets = Sockets::open(&Wanted {
             hses: has_robot.then_some(args.hses_port),
+            hses_file: has_robot.then_some(args.hses_file_port),
             host_control: has_robot.then_some(args.host_control_port),
             has_serial: has_robot && args.serial,
             camera: (devices != Devices::Robot).then_some(args.a3dp_port),
@@ -305,7 +309,7 @@ fn announce(sockets: &Sockets, json: bool) -> io::Result<()> {
     let written = |address: Option<SocketAddr>| address.map(|address| address.to_string());
     let ready = Ready {
         hses: written(sockets.robot_address()),
-        hses_file: None,
+        hses_file: written(sockets.robot_file_address()),
         host_control: written(sockets.host_control_address()),
         serial: sockets.serial_path().map(str::to_owned),
         a3dp: written(sockets.camera_address()),
@@ -317,6 +321,7 @@ fn announce(sockets: &Sockets, json: bool) -> io::Result<()> {
     } else {
         for (what, place) in [
             ("robot (DX200, HSES over UDP)", ready.hses),
+            ("robot (DX200, HSES files over UDP)", ready.hses_file),
             ("robot (DX200, host control over TCP)", ready.host_control),
             ("robot (DX200, host control over a serial line)", ready.serial),
             ("camera (A3DP/1 over TCP)", ready.a3dp),

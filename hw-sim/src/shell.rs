@@ -17,6 +17,7 @@ use tokio::task::JoinHandle;
 
 use crate::camera::render::Renderer;
 use crate::cell::{Cell, Input, Output, RenderJob};
+use crate::robot::hses::Port;
 use crate::robot::ports::{PortInput, PortOutput};
 use crate::truth::Truth;
 
@@ -29,6 +30,8 @@ use serial_line::{SerialLine, ServedLine};
 pub struct Wanted {
     /// UDP port of the robot's HSES.
     pub hses: Option<u16>,
+    /// UDP port of the robot's HSES for files.
+    pub hses_file: Option<u16>,
     /// TCP port of the robot's host control.
     pub host_control: Option<u16>,
     /// Whether the robot has a serial line, as a pseudo-terminal.
@@ -41,6 +44,7 @@ pub struct Wanted {
 #[derive(Debug)]
 pub struct Sockets {
     robot: Option<UdpSocket>,
+    robot_file: Option<UdpSocket>,
     host_control: Option<TcpListener>,
     serial: Option<SerialLine>,
     camera: Option<TcpListener>,
@@ -87,6 +91,10 @@ impl Sockets {
             Some(port) => Some(bind(port).await?),
             None => None,
         };
+        let robot_file = match wanted.hses_file {
+            Some(port) => Some(bind(port).await?),
+            None => None,
+        };
         let host_control = match wanted.host_control {
             Some(port) => Some(listen(port).await?),
             None => None,
@@ -102,6 +110,7 @@ impl Sockets {
         };
         Ok(Self {
             robot,
+            robot_file,
             host_control,
             serial,
             camera,
@@ -111,6 +120,11 @@ impl Sockets {
     /// Where the robot listens.
     pub fn robot_address(&self) -> Option<SocketAddr> {
         self.robot.as_ref().and_then(|socket| socket.local_addr().ok())
+    }
+
+    /// Where the robot listens for files.
+    pub fn robot_file_address(&self) -> Option<SocketAddr> {
+        self.robot_file.as_ref().and_then(|socket| socket.local_addr().ok())
     }
 
     /// Where host control listens.
@@ -247,6 +261,7 @@ impl Shell {
     ) -> Result<(), ShellError> {
         let mut stop = std::pin::pin!(stop);
         let mut datagram = vec![0; DATAGRAM_BYTES_MAX];
+        let mut file_datagram = vec![0; DATAGRAM_BYTES_MAX];
         loop {
             let wake_at = self
                 .cell
@@ -257,6 +272,11 @@ impl Shell {
                 received = receive(sockets.robot.as_ref(), &mut datagram) => {
                     let (byte_count, from) = received.map_err(socket_error("robot"))?;
                     Input::RobotDatagram { from, bytes: datagram[..byte_count].to_vec() }
+                }
+                received = receive(sockets.robot_file.as_ref(), &mut file_datagram) => {
+                    let (byte_count, from) = received.map_err(socket_error("robot's file"))?;
+                    let bytes = file_datagram[..byte_count].to_vec();
+                    Input::RobotPort(PortInput::Datagram { port: Port::File, from, bytes })
                 }
                 accepted = accept(sockets.camera.as_ref()) => {
                     self.connect(Service::Camera, accepted.map_err(socket_error("camera"))?)
@@ -278,15 +298,12 @@ impl Shell {
     async fn put_out(&mut self, sockets: &Sockets) {
         while let Some(output) = self.cell.poll_output() {
             match output {
-                Output::RobotDatagram { to, bytes } => {
-                    if let Some(socket) = &sockets.robot
-                        && let Err(error) = socket.send_to(&bytes, to).await
-                    {
-                        log(&format!("an answer to {to} is lost: {error}"));
-                    }
-                }
+                Output::RobotDatagram { to, bytes } => send_to(sockets.robot.as_ref(), to, &bytes).await,
                 Output::CameraBytes { connection, bytes } => self.write(connection, bytes),
                 Output::CameraClose { connection } => self.close(connection),
+                Output::RobotPort(PortOutput::Datagram { to, bytes, .. }) => {
+                    send_to(sockets.robot_file.as_ref(), to, &bytes).await;
+                }
                 Output::RobotPort(output) => self.put_out_robot(output),
                 Output::Render(job) => self.render(job),
                 // Nobody listens when no file of it is wanted.
@@ -309,7 +326,7 @@ impl Shell {
                     serial.bytes.send(bytes).ok();
                 }
             }
-            // The cell has outputs of its own for these.
+            // These have been put out by now.
             PortOutput::Datagram { .. } | PortOutput::Violation(_) => (),
         }
     }
@@ -386,6 +403,14 @@ async fn receive(socket: Option<&UdpSocket>, datagram: &mut [u8]) -> io::Result<
     match socket {
         Some(socket) => socket.recv_from(datagram).await,
         None => std::future::pending().await,
+    }
+}
+
+async fn send_to(socket: Option<&UdpSocket>, to: SocketAddr, bytes: &[u8]) {
+    if let Some(socket) = socket
+        && let Err(error) = socket.send_to(bytes, to).await
+    {
+        log(&format!("an answer to {to} is lost: {error}"));
     }
 }
 

@@ -12,11 +12,12 @@ use rand_chacha::ChaCha8Rng;
 use crate::fault::Fault;
 use crate::robot::alarms::{Alarm, AlarmBook, CODE_ESTOP};
 use crate::robot::files::{Files, SIMULATED, SIMULATED_TEXT};
-use crate::robot::hses::Request;
+use crate::robot::hses::{FileLink, Port, Request, is_read};
 use crate::robot::io::Signals;
 use crate::robot::job::run::Playback;
 use crate::robot::motion::Motion;
 use crate::robot::pose::Pose;
+use crate::robot::refused::Refused;
 pub use crate::robot::settings::{Options, Settings};
 use crate::robot::switches::{Cycle, Mode};
 use crate::robot::variables::Variables;
@@ -40,7 +41,10 @@ pub struct Controller {
     pub(super) signals: Signals,
     pub(super) files: Files,
     pub(super) playback: Playback,
+    pub(super) file_link: FileLink,
+    pub(super) times: Times,
     pub(super) pendant_text: Vec<u8>,
+    pub(super) busy_until_ns: u64,
     clock_ns: u64,
     answer_count: u64,
     outputs: VecDeque<RobotOutput>,
@@ -51,6 +55,8 @@ pub struct Controller {
 pub enum RobotOutput {
     /// An answer, for the sender of the request alone.
     Datagram {
+        /// Port that it leaves from.
+        port: Port,
         /// Receiver.
         to: SocketAddr,
         /// Whole datagram.
@@ -136,6 +142,22 @@ pub(super) struct Holds {
 pub(super) enum Incident {
     Alarm(u32),
     EmergencyStop,
+    Door,
+    PendantHold,
+    ServoDrop,
+    /// Off for this long.
+    PowerLoss(u64),
+    PowerReturn,
+    /// Refuses what is not a read for this long.
+    Busy(u64),
+}
+
+/// How long things have been on, in ns of the cell's clock.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Times {
+    pub(super) servo_ns: u64,
+    pub(super) playback_ns: u64,
+    pub(super) moving_ns: u64,
 }
 
 /// What is due next.
@@ -145,6 +167,7 @@ enum Due {
     MotionEnd,
     Job,
     ServoSleep,
+    FileStall,
 }
 
 impl Controller {
@@ -179,6 +202,9 @@ impl Controller {
             signals: Signals::default(),
             files: Files::default(),
             playback: Playback::default(),
+            file_link: FileLink::default(),
+            times: Times::default(),
+            busy_until_ns: 0,
             pendant_text: Vec::new(),
             clock_ns: 0,
             answer_count: 0,
@@ -195,23 +221,36 @@ impl Controller {
         controller
     }
 
-    /// Takes one datagram of the robot port. A malformed one is told and not answered.
-    pub fn handle_datagram(&mut self, now_ns: u64, from: SocketAddr, datagram: &[u8]) {
+    /// Takes one datagram of a port of HSES. A malformed one is told, and answered where the sheet has a code for it.
+    pub fn handle_datagram(&mut self, now_ns: u64, port: Port, from: SocketAddr, datagram: &[u8]) {
         self.advance(now_ns);
-        let request = match Request::parse(datagram) {
-            Ok(request) => request,
+        if self.is_silent() {
+            return;
+        }
+        let answer = match Request::parse(port, datagram) {
+            Ok(request) => match port {
+                Port::Robot => Some(self.answer(now_ns, &request)),
+                Port::File => self.reply_file(now_ns, from, &request),
+            },
             Err(malformed) => {
                 self.violation(format!("hses from {from}: {malformed}"));
-                return;
+                Request::answer_malformed(port, datagram, malformed)
             }
         };
-        let bytes = match self.reply(now_ns, &request) {
-            Ok(data) => request.done(&data),
-            Err(refusal) => request.refused(refusal),
-        };
+        let Some(bytes) = answer else { return };
         self.answer_count += 1;
         if !self.is_silent() && !self.is_answer_lost() {
-            self.outputs.push_back(RobotOutput::Datagram { to: from, bytes });
+            self.outputs.push_back(RobotOutput::Datagram { port, to: from, bytes });
+        }
+    }
+
+    fn answer(&mut self, now_ns: u64, request: &Request) -> Vec<u8> {
+        if now_ns < self.busy_until_ns && !is_read(request) {
+            return self.refuse(request, Refused::BUSY.into());
+        }
+        match self.reply(now_ns, request) {
+            Ok(data) => request.done(&data),
+            Err(refusal) => self.refuse(request, refusal),
         }
     }
 
@@ -290,7 +329,7 @@ impl Controller {
         self.wake_job(self.clock_ns);
         while let Some((at_ns, due)) = self.next_due().filter(|(at_ns, _)| *at_ns <= now_ns) {
             let at_ns = at_ns.max(self.clock_ns);
-            self.clock_ns = at_ns;
+            self.pass_time(at_ns);
             match due {
                 Due::Incident(index) => {
                     let (_, incident) = self.incidents.remove(index);
@@ -302,9 +341,35 @@ impl Controller {
                 }
                 Due::Job => self.step_job(at_ns),
                 Due::ServoSleep => self.servo_off(at_ns),
+                Due::FileStall => {
+                    if let Some((to, bytes)) = self.drop_transfer() {
+                        let port = Port::File;
+                        self.outputs.push_back(RobotOutput::Datagram { port, to, bytes });
+                    }
+                }
             }
         }
-        self.clock_ns = self.clock_ns.max(now_ns);
+        self.pass_time(now_ns);
+    }
+
+    /// When the controller has something to say by itself.
+    pub fn wake_at(&self) -> Option<u64> {
+        self.file_deadline_ns()
+    }
+
+    /// Lets everything happen that is due and says what there is to say.
+    pub fn handle_wake(&mut self, now_ns: u64) {
+        self.advance(now_ns);
+    }
+
+    /// Nothing changes up to this time.
+    fn pass_time(&mut self, now_ns: u64) {
+        let passed_ns = now_ns.saturating_sub(self.clock_ns);
+        let count = |is_on: bool| if is_on { passed_ns } else { 0 };
+        self.times.servo_ns += count(self.switches.is_servo_on);
+        self.times.playback_ns += count(self.is_running());
+        self.times.moving_ns += count(self.motion.is_some());
+        self.clock_ns += passed_ns;
     }
 
     fn next_due(&self) -> Option<(u64, Due)> {
@@ -315,7 +380,8 @@ impl Controller {
         let sleeps = self.switches.is_servo_on && !self.is_running();
         let servo_sleep = self.settings.options.servo_sleep_s.filter(|_| sleeps);
         let servo_sleep = servo_sleep.map(|idle_s| (self.last_active_ns + self.clock_span_ns(idle_s), Due::ServoSleep));
-        [incident, motion_end, job, servo_sleep]
+        let stall = self.file_deadline_ns().map(|at_ns| (at_ns, Due::FileStall));
+        [incident, motion_end, job, servo_sleep, stall]
             .into_iter()
             .flatten()
             .min_by_key(|(at_ns, _)| *at_ns)
@@ -325,6 +391,21 @@ impl Controller {
         match incident {
             Incident::Alarm(code) => self.raise_alarm(now_ns, code, 1),
             Incident::EmergencyStop => self.press_estop(now_ns),
+            Incident::Door => {
+                self.switches.is_door_open = true;
+                self.servo_off(now_ns);
+            }
+            Incident::PendantHold => {
+                self.holds.pendant = true;
+                self.pause(now_ns);
+            }
+            Incident::ServoDrop => self.servo_off(now_ns),
+            Incident::PowerLoss(span_ns) => {
+                self.switch_power(now_ns, false);
+                self.incidents.push((now_ns + span_ns, Incident::PowerReturn));
+            }
+            Incident::PowerReturn => self.switch_power(now_ns, true),
+            Incident::Busy(span_ns) => self.busy_until_ns = now_ns + span_ns,
         }
     }
 
@@ -380,6 +461,7 @@ impl Controller {
         self.servo_off(now_ns);
         self.switches.is_powered = is_on;
         self.incidents.clear();
+        self.forget_transfer();
         self.holds.command = false;
         self.has_error = false;
         self.alarms.clear();
@@ -388,9 +470,9 @@ impl Controller {
         }
     }
 
-    /// Time of the controller since the cell began.
-    pub(super) fn controller_ns(&self, now_ns: u64) -> u64 {
-        (now_ns as f64 * self.settings.speed) as u64
+    /// Span of the controller's time in one of the clock's.
+    pub(super) fn controller_ns(&self, span_ns: u64) -> u64 {
+        (span_ns as f64 * self.settings.speed) as u64
     }
 
     /// Time on the cell's clock of a span of the controller's, ns.

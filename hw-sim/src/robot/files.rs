@@ -95,8 +95,7 @@ impl Controller {
             line: 0,
             what: "the file is not taken",
         };
-        self.check_can_transfer().map_err(whole_file)?;
-        check_name(name).map_err(whole_file)?;
+        self.check_can_put(name).map_err(whole_file)?;
         let replaced = match job_name(name) {
             Some(job) => self.files.jobs.get(job).map_or(0, |stored| stored.text.len()),
             None => self.files.others.get(name).map_or(0, Vec::len),
@@ -111,15 +110,24 @@ impl Controller {
                 whole_file(Refused::JOB_MEMORY),
             ),
         ])?;
-        let Some(job) = job_name(name) else {
-            self.files.others.insert(name.to_owned(), text.to_vec());
-            return Ok(());
-        };
+        match job_name(name) {
+            Some(job) => self.install_job(job, text),
+            None => {
+                self.files.others.insert(name.to_owned(), text.to_vec());
+                Ok(())
+            }
+        }
+    }
+
+    /// Whether a file of this name may be put now; its text is looked at when it has come.
+    pub(super) fn check_can_put(&self, name: &str) -> Answer<()> {
+        self.check_can_transfer()?;
+        check_name(name)?;
+        let job = job_name(name);
         refuse_first([
-            (self.is_running(), whole_file(Refused::MOVING)),
-            (job == SIMULATED, whole_file(Refused::FILE_NOT_OVERWRITTEN)),
-        ])?;
-        self.install_job(job, text)
+            (job.is_some() && self.is_running(), Refused::MOVING),
+            (job == Some(SIMULATED), Refused::FILE_NOT_OVERWRITTEN),
+        ])
     }
 
     /// Deletes a file; a job not while anything runs.

@@ -9,7 +9,6 @@ pub mod controller;
 pub mod files;
 pub mod host;
 pub mod hses;
-mod hses_commands;
 pub mod io;
 pub mod job;
 pub mod motion;

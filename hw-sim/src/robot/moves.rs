@@ -165,6 +165,11 @@ impl Controller {
         let incidents = self.settings.faults.iter().filter_map(|fault| match *fault {
             Fault::RobotAlarm { code, view } if view == move_index => Some(Incident::Alarm(code)),
             Fault::Estop { view } if view == move_index => Some(Incident::EmergencyStop),
+            Fault::Door { view } if view == move_index => Some(Incident::Door),
+            Fault::PendantHold { view } if view == move_index => Some(Incident::PendantHold),
+            Fault::ServoDrop { view } if view == move_index => Some(Incident::ServoDrop),
+            Fault::PowerLoss { span_s, view } if view == move_index => Some(Incident::PowerLoss(real_ns(span_s))),
+            Fault::Busy { span_s, view } if view == move_index => Some(Incident::Busy(real_ns(span_s))),
             _ => None,
         });
         self.incidents.extend(incidents.map(|incident| (middle_ns, incident)));
@@ -210,6 +215,10 @@ impl OrderedSpeed {
             _ => Err(Refused::SPEED),
         }
     }
+}
+
+fn real_ns(span_s: f64) -> u64 {
+    (span_s * 1e9).round() as u64
 }
 
 /// The form that the arm is always in, as on the protocol page's vector.

@@ -14,6 +14,7 @@ use crate::robot::host::bsc::Timing;
 use crate::robot::host::interpreter::interpret;
 use crate::robot::host::serial::{Serial, SerialOutput};
 use crate::robot::host::tcp::{Connection, TcpOutput};
+use crate::robot::hses::Port;
 
 /// How the links are built.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,6 +43,8 @@ impl Default for LinkOptions {
 pub enum PortInput {
     /// A datagram for a port of HSES.
     Datagram {
+        /// Which of them.
+        port: Port,
         /// Sender; its answer goes there.
         from: SocketAddr,
         /// Whole datagram.
@@ -77,6 +80,8 @@ pub enum PortInput {
 pub enum PortOutput {
     /// An answer of HSES.
     Datagram {
+        /// Port that it comes from.
+        port: Port,
         /// Receiver.
         to: SocketAddr,
         /// Whole datagram.
@@ -108,7 +113,8 @@ pub struct Ports {
     faults: NetworkFaults,
     stall_moves: Vec<u32>,
     seed: u64,
-    datagrams: Ways,
+    robot_datagrams: Ways,
+    file_datagrams: Ways,
     serial: Serial,
     serial_ways: Ways,
     streams: BTreeMap<u64, Stream>,
@@ -155,7 +161,8 @@ impl Ports {
         Self {
             stall_moves: stall_moves.collect(),
             seed: settings.seed,
-            datagrams: Ways::new(faults, Carriage::Datagrams, settings.seed, PATH_DATAGRAMS),
+            robot_datagrams: Ways::new(faults, Carriage::Datagrams, settings.seed, PATH_ROBOT_DATAGRAMS),
+            file_datagrams: Ways::new(faults, Carriage::Datagrams, settings.seed, PATH_FILE_DATAGRAMS),
             serial: Serial::new(options.serial_timing),
             serial_ways: Ways::new(faults, Carriage::Characters(character_ns), settings.seed, PATH_SERIAL),
             streams: BTreeMap::new(),
@@ -181,9 +188,9 @@ impl Ports {
         match input {
             PortInput::Panel(panel) => self.controller.handle_panel(now_ns, panel),
             PortInput::Wake => (),
-            PortInput::Datagram { from, bytes } => {
-                for Delivery { at_ns, bytes } in self.datagrams.to_robot.push(now_ns, bytes) {
-                    self.send(at_ns, Arrival::AtRobot(PortInput::Datagram { from, bytes }));
+            PortInput::Datagram { port, from, bytes } => {
+                for Delivery { at_ns, bytes } in self.datagrams(port).to_robot.push(now_ns, bytes) {
+                    self.send(at_ns, Arrival::AtRobot(PortInput::Datagram { port, from, bytes }));
                 }
             }
             PortInput::Serial(bytes) => {
@@ -215,6 +222,7 @@ impl Ports {
         arrival_ns
             .into_iter()
             .chain(self.serial.wake_at())
+            .chain(self.controller.wake_at())
             .chain(stream_ns)
             .min()
     }
@@ -234,7 +242,7 @@ impl Ports {
     /// What arrives at the controller.
     fn take(&mut self, now_ns: u64, input: PortInput) {
         match input {
-            PortInput::Datagram { from, bytes } => self.controller.handle_datagram(now_ns, from, &bytes),
+            PortInput::Datagram { port, from, bytes } => self.controller.handle_datagram(now_ns, port, from, &bytes),
             PortInput::Serial(bytes) => self.serial.handle_bytes(now_ns, &bytes, &mut self.controller),
             PortInput::Bytes { connection, bytes } => {
                 if let Some(stream) = self.streams.get_mut(&connection) {
@@ -254,6 +262,7 @@ impl Ports {
 
     /// What is due at the links.
     fn wake(&mut self, now_ns: u64) {
+        self.controller.handle_wake(now_ns);
         self.serial.handle_wake(now_ns, &mut self.controller);
         let controller = &mut self.controller;
         for stream in self.streams.values_mut() {
@@ -262,6 +271,13 @@ impl Ports {
                 .handle_wake(now_ns, &mut |at_ns, call| interpret(controller, at_ns, call));
         }
         self.put_out(now_ns);
+    }
+
+    fn datagrams(&mut self, port: Port) -> &mut Ways {
+        match port {
+            Port::Robot => &mut self.robot_datagrams,
+            Port::File => &mut self.file_datagrams,
+        }
     }
 
     fn connect(&mut self, connection: u64) {
@@ -297,9 +313,9 @@ impl Ports {
         let is_silent = self.controller.is_silent();
         while let Some(output) = self.controller.poll_output() {
             match output {
-                RobotOutput::Datagram { to, bytes } => {
-                    for Delivery { at_ns, bytes } in self.datagrams.to_client.push(now_ns, bytes) {
-                        self.send(at_ns, Arrival::AtClient(PortOutput::Datagram { to, bytes }));
+                RobotOutput::Datagram { port, to, bytes } => {
+                    for Delivery { at_ns, bytes } in self.datagrams(port).to_client.push(now_ns, bytes) {
+                        self.send(at_ns, Arrival::AtClient(PortOutput::Datagram { port, to, bytes }));
                     }
                 }
                 RobotOutput::Violation(text) => self.outputs.push_back(PortOutput::Violation(text)),
@@ -358,7 +374,12 @@ impl Ports {
         }
         self.stalled_until_ns = now_ns + STALL_NS;
         let streams = self.streams.values_mut().map(|stream| &mut stream.ways);
-        for ways in streams.chain([&mut self.datagrams, &mut self.serial_ways]) {
+        let others = [
+            &mut self.robot_datagrams,
+            &mut self.file_datagrams,
+            &mut self.serial_ways,
+        ];
+        for ways in streams.chain(others) {
             ways.stall(self.stalled_until_ns);
         }
     }
@@ -391,9 +412,10 @@ impl Ways {
 const CONNECTION_COUNT_MAX: usize = 8;
 /// How long [`Fault::Stall`] lasts.
 const STALL_NS: u64 = 2_000_000_000;
-const PATH_DATAGRAMS: u64 = 0;
-const PATH_SERIAL: u64 = 1;
-const PATH_STREAMS: u64 = 2;
+const PATH_ROBOT_DATAGRAMS: u64 = 0;
+const PATH_FILE_DATAGRAMS: u64 = 1;
+const PATH_SERIAL: u64 = 2;
+const PATH_STREAMS: u64 = 3;
 /// Start bit, eight data bits, even parity, stop bit.
 const CHARACTER_BITS: f64 = 11.0;
 

@@ -34,6 +34,7 @@ fn run(ports: &mut Ports, until_ns: u64) -> Vec<(u64, PortOutput)> {
 
 fn datagram(name: &str) -> PortInput {
     PortInput::Datagram {
+        port: Port::Robot,
         from: client(),
         bytes: vector(HSES_PAGE, name),
     }
@@ -151,6 +152,30 @@ fn the_serial_line_takes_the_time_of_its_characters() {
         ..LinkOptions::default()
     };
     assert_eq!(serial_ns(unpaced, 1.0), 0);
+}
+
+#[test]
+fn the_file_port_of_hses_is_served_through_a_network_of_its_own() {
+    let mut ports = ports(&["net-delay=10"], LinkOptions::default());
+    // The list of all jobs, as in the sheet.
+    let head = "YERC\x20\0\x05\0\x03\x02\0\0\0\0\0\099999999\0\0\0\0\0\x32\0\0*.JBI";
+    ports.handle_input(
+        0,
+        PortInput::Datagram {
+            port: Port::File,
+            from: client(),
+            bytes: head.as_bytes().to_vec(),
+        },
+    );
+    let heard = run(&mut ports, 100 * MS);
+    let [(at_ns, PortOutput::Datagram { port, to, bytes })] = &heard[..] else {
+        panic!("{heard:?}")
+    };
+    assert_eq!((*at_ns, *port, *to), (20 * MS, Port::File, client()));
+    assert!(
+        bytes.ends_with(b"SIMULATED.JBI\r\n") || bytes.ends_with(b"SIMULATED.JBI"),
+        "{bytes:?}"
+    );
 }
 
 #[test]

@@ -96,13 +96,23 @@ impl Controller {
         }
     }
 
-    /// How long the controller has been on.
-    pub fn time_powered(&mut self, now_ns: u64) -> ManagementTime {
+    /// How long something has been on: 1 the controller, 10 and 11 servo power, 110 and 111 playback, 210 and 211 motion,
+    /// 301 to 308 the applications, of which there are none; A001 for other numbers.
+    pub fn management_time(&mut self, now_ns: u64, number: u16) -> Answer<ManagementTime> {
         self.advance(now_ns);
-        ManagementTime {
+        let times = &self.times;
+        let elapsed_ns = match number {
+            1 => now_ns,
+            10 | 11 => times.servo_ns,
+            110 | 111 => times.playback_ns,
+            210 | 211 => times.moving_ns,
+            301..=308 => 0,
+            _ => return Err(Refused::NO_INSTANCE),
+        };
+        Ok(ManagementTime {
             start_ns: 0,
-            elapsed_ns: self.controller_ns(now_ns),
-        }
+            elapsed_ns: self.controller_ns(elapsed_ns),
+        })
     }
 
     /// Who the controller says it is: a simulated one.
