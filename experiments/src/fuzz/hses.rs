@@ -3,7 +3,7 @@
 use bladescan::robot::hses::{self, Answer, DATA_BYTES_MAX, FileAnswer, FileEvent, FileSettings, Files};
 use bladescan::robot::{
     AlarmClass, Command, Exchange, ExchangeSettings, FILE_BYTES_MAX, FileCommand, FileContent, FileEnding, FileName,
-    Reply, RobotEvent, Variable, VariableKind,
+    Protocol, Reply, RobotEvent, Variable, VariableKind,
 };
 use bladescan::stamp::Stamp;
 
@@ -28,13 +28,14 @@ pub fn answer(bytes: &[u8]) -> bool {
 /// Hands a datagram to a conversation in which a question is open. Whether it was the answer.
 pub fn exchange(bytes: &[u8]) -> bool {
     let mut exchange = Exchange::new(ExchangeSettings {
+        protocol: Protocol::Hses,
         answer_timeout_ms: 300,
         ask_attempts: 3,
         set_repeat_ms: 100,
         set_timeout_ms: 1000,
     });
     exchange.say(Stamp::START, Command::Status);
-    exchange.handle_datagram(Stamp::START, bytes);
+    exchange.handle_bytes(Stamp::START, bytes);
     let event = exchange.poll_event();
     assert!(
         event.is_some() && exchange.poll_event().is_none(),
@@ -60,12 +61,12 @@ pub fn file_transfer(bytes: &[u8]) -> bool {
     };
     let mut files = Files::new(settings);
     let begun = files.begin(Stamp::START, transfer(*choice));
-    assert!(begun.is_ok() && files.poll_transmit().is_some());
+    assert!(begun.is_ok() && files.poll_output().is_some());
     while let Some((size, tail)) = rest.split_first_chunk::<2>() {
         let (datagram, tail) = tail.split_at(tail.len().min(usize::from(u16::from_le_bytes(*size))));
         rest = tail;
         files.handle_datagram(Stamp::START, datagram);
-        let said = [files.poll_transmit(), files.poll_transmit()];
+        let said = [files.poll_output(), files.poll_output()];
         assert!(said[1].is_none(), "one datagram, one answer at most");
         while let Some(event) = files.poll_event() {
             if let FileEvent::Saved { content, .. } = event {

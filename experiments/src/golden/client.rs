@@ -3,7 +3,7 @@
 use bladescan::robot::hses::{self, Answer, FileEvent, FileSettings, Files};
 use bladescan::robot::{
     AlarmClass, Command, Cycle, FileCommand, FileContent, FileEnding, FileName, Form, Frame, JobName, Move, MovePulses,
-    Path, PositionVariable, Reply, Speed, Values, Variable, VariableKind, WirePose,
+    Path, PositionVariable, Reply, RobotOutput, Speed, Values, Variable, VariableKind, WirePose,
 };
 use bladescan::stamp::Stamp;
 
@@ -139,8 +139,8 @@ pub(super) fn sent(asked: &Asked, id: u8) -> Vec<Vec<u8>> {
             let mut datagrams: Vec<Vec<u8>> = Vec::new();
             let mut blocks = blocks.iter();
             loop {
-                while let Some(datagram) = files.poll_transmit() {
-                    datagrams.push(datagram.bytes);
+                while let Some(RobotOutput::Bytes { bytes, .. }) = files.poll_output() {
+                    datagrams.push(bytes);
                 }
                 let (Some((number, data)), Some(request)) = (blocks.next(), datagrams.first()) else {
                     break;
@@ -201,9 +201,9 @@ pub(super) fn understood(name: &str, bytes: &[u8]) -> Option<bool> {
         }
         "file_ans_load_ready" => {
             let mut files = files(&load("SCAN1.JBI", b"x"));
-            let request = files.poll_transmit();
+            let request = files.poll_output();
             files.handle_datagram(Stamp::START, bytes);
-            request.is_some() && files.poll_transmit().is_some() && files.poll_event().is_none()
+            request.is_some() && files.poll_output().is_some() && files.poll_event().is_none()
         }
         "file_err_E2B3_not_found" => {
             matches!(came(&FileCommand::Save(file("SCAN1.JBI")), bytes), Some(FileEvent::Refused { refusal, .. }) if refusal.added_status == 0xE2B3)

@@ -3,7 +3,7 @@
 use super::*;
 use crate::robot::{
     AlarmClass, Command, Cycle, FileCommand, FileContent, FileEnding, FileName, Form, Frame, JobName, Move, MovePulses,
-    Path, PositionVariable, Reply, Speed, Values, Variable, VariableKind, WirePose,
+    Path, PositionVariable, Reply, RobotOutput, Speed, Values, Variable, VariableKind, WirePose,
 };
 use crate::stamp::Stamp;
 use proptest::array::{uniform3, uniform8};
@@ -373,15 +373,15 @@ proptest! {
         let settings = FileSettings { answer_timeout_ms: 100, attempts: 3 };
         let mut files = Files::new(settings);
         files.begin(Stamp::START, command).unwrap();
-        prop_assert!(files.poll_transmit().is_some());
+        prop_assert!(files.poll_output().is_some());
         let mut came = 0;
         for frame in &frames {
             came += frame.len();
             files.handle_datagram(Stamp::START, frame);
-            if let Some(said) = files.poll_transmit() {
-                prop_assert!((32..=511).contains(&said.bytes.len()));
+            if let Some(RobotOutput::Bytes { bytes, .. }) = files.poll_output() {
+                prop_assert!((32..=511).contains(&bytes.len()));
             }
-            prop_assert!(files.poll_transmit().is_none());
+            prop_assert!(files.poll_output().is_none());
             if let Some(FileEvent::Saved { content, .. }) = files.poll_event() {
                 prop_assert!(content.len() <= came);
             }

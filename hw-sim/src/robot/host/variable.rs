@@ -120,8 +120,12 @@ fn position_text(position: &Position) -> String {
         2 => position.user + 1,
         other => other,
     };
+    let others = match (seventh, eighth) {
+        (0, 0) => String::new(),
+        _ => format!(",{seventh},{eighth}"),
+    };
     format!(
-        "1,{coordinate},{},{},{},{seventh},{eighth}",
+        "1,{coordinate},{},{},{}{others}",
         pose_text([a, b, c, d, e, f]),
         host_form(position.form),
         position.tool
@@ -130,13 +134,25 @@ fn position_text(position: &Position) -> String {
 
 fn position(texts: &[&str]) -> Answer<Position> {
     match texts {
+        ["0", pulses @ .., tool] if (6..8).contains(&pulses.len()) => Ok(Position {
+            kind: 0,
+            axes: integers(&[pulses, &["0", "0"][..8 - pulses.len()]].concat())?,
+            tool: integer(tool)?,
+            ..Position::default()
+        }),
         ["0", pulses @ .., tool] => Ok(Position {
             kind: 0,
             axes: integers(pulses)?,
             tool: integer(tool)?,
             ..Position::default()
         }),
-        ["1", number, x, y, z, rx, ry, rz, form, tool, seventh, eighth] => {
+        // No source tells whether the seventh and eighth axis belong here: they may be left out.
+        ["1", number, x, y, z, rx, ry, rz, form, tool, others @ ..] => {
+            let [seventh, eighth] = match others {
+                [] => [0, 0],
+                [seventh, eighth] => [integer(seventh)?, integer(eighth)?],
+                _ => return Err(Refused::OPERAND_COUNT),
+            };
             let coordinate = coordinate(number)?;
             let ([x, y, z], [rx, ry, rz]) = pose([x, y, z, rx, ry, rz])?;
             Ok(Position {
@@ -145,7 +161,7 @@ fn position(texts: &[&str]) -> Answer<Position> {
                 form: form_of_host(integer(form)?),
                 tool: integer(tool)?,
                 form_ext: 0,
-                axes: [x, y, z, rx, ry, rz, integer(seventh)?, integer(eighth)?],
+                axes: [x, y, z, rx, ry, rz, seventh, eighth],
             })
         }
         ["0" | "1", ..] | [] => Err(Refused::OPERAND_COUNT),

@@ -167,6 +167,7 @@ fn answers_of_the_page_mean_what_they_say() {
     let position = Reply::Position(Position {
         base_from_tool: PAGE_POSE,
         tool: 1,
+        form: NO_FLIP,
     });
     let alarm = Alarm {
         code: 4315,

@@ -28,7 +28,11 @@ fn load(content: &[u8]) -> FileCommand {
 }
 
 fn drain(files: &mut Files) -> Vec<Vec<u8>> {
-    std::iter::from_fn(|| files.poll_transmit().map(|datagram| datagram.bytes)).collect()
+    std::iter::from_fn(|| match files.poll_output()? {
+        RobotOutput::Bytes { bytes, .. } => Some(bytes),
+        other => panic!("{other:?}"),
+    })
+    .collect()
 }
 
 fn events(files: &mut Files) -> Vec<FileEvent> {
