@@ -185,7 +185,7 @@ impl Cell {
             Input::CameraBytes { connection, bytes } => self.camera.handle_bytes(now_ns, connection, &bytes),
             Input::CameraClosed { connection } => self.camera.handle_closed(now_ns, connection),
             Input::Rendered { job, frame } => self.take_frame(now_ns, job, frame),
-            Input::Wake => (),
+            Input::Wake => self.robot.handle_wake(now_ns),
         }
         self.drain_camera(now_ns);
         while let Some(output) = self.robot.poll_output() {
@@ -209,7 +209,10 @@ impl Cell {
 
     /// When [`Input::Wake`] has something to do.
     pub fn wake_at(&self) -> Option<u64> {
-        self.camera.wake_at()
+        [self.camera.wake_at(), self.robot.wake_at()]
+            .into_iter()
+            .flatten()
+            .min()
     }
 
     /// Everything true so far.
