@@ -12,6 +12,7 @@ use bladescan::robot::hses::{self, Answer};
 use clap::Args;
 use client::Asked;
 use hw_sim::robot::controller::{Controller, RobotOutput, Settings};
+use hw_sim::robot::hses::Port;
 use hw_sim::robot::pose::Pose;
 use serde_json::Value;
 
@@ -164,10 +165,11 @@ fn is_answered(command: &Command, request: &[u8]) -> Option<bool> {
         speed: 1.0,
         seed: 1,
         faults: Vec::new(),
+        ..Settings::default()
     });
     let from = ([127, 0, 0, 1], 5000).into();
     let mut ask = |datagram: &[u8]| {
-        robot.handle_datagram(0, from, datagram);
+        robot.handle_datagram(0, Port::Robot, from, datagram);
         match robot.poll_output() {
             Some(RobotOutput::Datagram { bytes, .. }) => Some(bytes),
             _ => None,

@@ -10,6 +10,7 @@ use crate::camera::optics::Optics;
 use crate::camera::render::{Capture, Draws, Frame, Renderer};
 use crate::pose_error::{calibration_error, pose_error};
 use crate::robot::controller::{Controller, Panel, RobotOutput, Settings};
+use crate::robot::hses::Port;
 use crate::scene::Scene;
 use crate::truth::Truth;
 
@@ -138,6 +139,8 @@ impl Cell {
             speed: scene.speed,
             seed: scene.seed,
             faults: scene.faults.clone(),
+            jobs: scene.jobs.clone(),
+            options: scene.robot_options.clone(),
         });
         let camera = Device::new(DeviceSettings {
             optics: scene.optics,
@@ -176,18 +179,18 @@ impl Cell {
         self.camera.handle_wake(now_ns);
         self.drain_camera(now_ns);
         match input {
-            Input::RobotDatagram { from, bytes } => self.robot.handle_datagram(now_ns, from, &bytes),
+            Input::RobotDatagram { from, bytes } => self.robot.handle_datagram(now_ns, Port::Robot, from, &bytes),
             Input::Panel(panel) => self.robot.handle_panel(now_ns, panel),
             Input::CameraConnected { connection } => self.camera.handle_connected(now_ns, connection),
             Input::CameraBytes { connection, bytes } => self.camera.handle_bytes(now_ns, connection, &bytes),
             Input::CameraClosed { connection } => self.camera.handle_closed(now_ns, connection),
             Input::Rendered { job, frame } => self.take_frame(now_ns, job, frame),
-            Input::Wake => (),
+            Input::Wake => self.robot.handle_wake(now_ns),
         }
         self.drain_camera(now_ns);
         while let Some(output) = self.robot.poll_output() {
             self.outputs.push_back(match output {
-                RobotOutput::Datagram { to, bytes } => Output::RobotDatagram { to, bytes },
+                RobotOutput::Datagram { to, bytes, .. } => Output::RobotDatagram { to, bytes },
                 RobotOutput::Violation(text) => Output::Violation(text),
             });
         }
@@ -206,7 +209,10 @@ impl Cell {
 
     /// When [`Input::Wake`] has something to do.
     pub fn wake_at(&self) -> Option<u64> {
-        self.camera.wake_at()
+        [self.camera.wake_at(), self.robot.wake_at()]
+            .into_iter()
+            .flatten()
+            .min()
     }
 
     /// Everything true so far.

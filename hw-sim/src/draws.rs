@@ -27,6 +27,9 @@ pub(crate) enum Purpose {
     PoseError = 4,
     /// How far the calibration is off.
     CalibrationError = 5,
+    /// Inputs of tests.
+    #[cfg(test)]
+    Test = 1000,
 }
 
 /// The generator of one stream: (seed, purpose, `which`, `part`) is the whole key of the cipher.

@@ -82,10 +82,44 @@ pub enum Fault {
         /// Accepted move, counted from 0.
         view: u32,
     },
+    /// The cell's door opens in the middle of a move, and stays open.
+    Door {
+        /// Accepted move, counted from 0.
+        view: u32,
+    },
+    /// A person presses hold at the pendant in the middle of a move, and does not release it.
+    PendantHold {
+        /// Accepted move, counted from 0.
+        view: u32,
+    },
+    /// Servo power goes off in the middle of a move; it can be switched on again.
+    ServoDrop {
+        /// Accepted move, counted from 0.
+        view: u32,
+    },
+    /// The robot controller is off for a while from the middle of a move on.
+    PowerLoss {
+        /// Real seconds.
+        span_s: f64,
+        /// Accepted move, counted from 0.
+        view: u32,
+    },
+    /// The robot controller refuses everything but reads as busy for a while from the middle of a move on.
+    Busy {
+        /// Real seconds.
+        span_s: f64,
+        /// Accepted move, counted from 0.
+        view: u32,
+    },
+    /// The robot controller keeps back one block, or the answer to one, of a file transfer.
+    FileStall {
+        /// Block; 0 is the answer to the request of a file sent there.
+        block: u32,
+    },
 }
 
 /// Spelling and meaning of every fault, for people.
-pub const CATALOGUE: [(&str, &str); 15] = [
+pub const CATALOGUE: [(&str, &str); 21] = [
     (
         "camera-gone@VIEW",
         "the camera's connection closes in the middle of the frame",
@@ -128,6 +162,30 @@ pub const CATALOGUE: [(&str, &str); 15] = [
     ("remote-off", "command remote is not set: the robot refuses every act"),
     ("servo-refused", "the servo power cannot be switched on"),
     ("elsewhere=MM@MOVE", "the robot stops this far above where it was sent"),
+    (
+        "door@MOVE",
+        "the cell's door opens in the middle of an accepted move, and stays open: no servo power",
+    ),
+    (
+        "pendant-hold@MOVE",
+        "hold is pressed at the pendant in the middle of an accepted move, and stays pressed",
+    ),
+    (
+        "servo-drop@MOVE",
+        "servo power goes off in the middle of an accepted move; it can be switched on again",
+    ),
+    (
+        "power-loss=SECONDS@MOVE",
+        "the robot controller is off this long (real seconds) from the middle of an accepted move on",
+    ),
+    (
+        "busy=SECONDS@MOVE",
+        "the robot controller refuses all but reads with E444 this long (real seconds) from the middle of an accepted move on",
+    ),
+    (
+        "file-stall@BLOCK",
+        "the robot controller keeps back this block, or the answer to it, once",
+    ),
 ];
 
 /// Why a fault's text is not a fault.
@@ -211,6 +269,12 @@ impl fmt::Display for Fault {
             Self::RemoteOff => write!(f, "remote-off"),
             Self::ServoRefused => write!(f, "servo-refused"),
             Self::Elsewhere { distance_mm, view } => write!(f, "elsewhere={distance_mm}@{view}"),
+            Self::Door { view } => write!(f, "door@{view}"),
+            Self::PendantHold { view } => write!(f, "pendant-hold@{view}"),
+            Self::ServoDrop { view } => write!(f, "servo-drop@{view}"),
+            Self::PowerLoss { span_s, view } => write!(f, "power-loss={span_s}@{view}"),
+            Self::Busy { span_s, view } => write!(f, "busy={span_s}@{view}"),
+            Self::FileStall { block } => write!(f, "file-stall@{block}"),
         }
     }
 }
@@ -220,6 +284,12 @@ fn parse_kind(kind: &str, value: &str, view: Option<&str>) -> Option<Fault> {
     let view = match view {
         Some(view) => view.parse::<u32>().ok()?,
         None => 0,
+    };
+    let span = || {
+        value
+            .parse()
+            .ok()
+            .filter(|span: &f64| (0.0..=DELAY_MAX_S).contains(span))
     };
     let number = || value.parse::<f64>().ok().filter(|number| number.is_finite());
     Some(match kind {
@@ -252,6 +322,12 @@ fn parse_kind(kind: &str, value: &str, view: Option<&str>) -> Option<Fault> {
             distance_mm: number().filter(|mm| mm.abs() <= ELSEWHERE_MAX_MM)?,
             view,
         },
+        "door" => Fault::Door { view },
+        "pendant-hold" => Fault::PendantHold { view },
+        "servo-drop" => Fault::ServoDrop { view },
+        "power-loss" => Fault::PowerLoss { span_s: span()?, view },
+        "busy" => Fault::Busy { span_s: span()?, view },
+        "file-stall" => Fault::FileStall { block: view },
         _ => return None,
     })
 }
@@ -280,6 +356,7 @@ mod tests {
             let written = spelling
                 .replace("@VIEW", "@3")
                 .replace("@MOVE", "@3")
+                .replace("@BLOCK", "@3")
                 .replace("CODE", "402")
                 .replace("SECONDS", "1.5")
                 .replace("FRACTION", "0.25")

@@ -6,6 +6,7 @@ use crate::camera::optics::Optics;
 use crate::camera::render::SurfaceNoise;
 use crate::fault::Fault;
 use crate::robot::pose::{Pose, isometry_from_mm_deg};
+use crate::robot::settings::Options;
 use crate::truth::PoseErrorSize;
 
 /// Everything that is fixed before a cell starts. The blade's mesh is not here: only the renderer needs it.
@@ -25,6 +26,10 @@ pub struct Scene {
     pub home: Pose,
     /// Lowest and highest x, y, z that the robot goes to, µm.
     pub workspace_um: [[i32; 3]; 2],
+    /// Jobs in the robot's directory at first: name without extension, text of the file.
+    pub jobs: Vec<(String, String)>,
+    /// What the sources leave open about the robot controller.
+    pub robot_options: Options,
     /// Seeds everything drawn.
     pub seed: u64,
     /// Seconds of the cell in one second of the clock; positive.
@@ -48,6 +53,8 @@ impl Default for Scene {
             tool_from_blade: isometry_from_mm_deg([0.0, 0.0, 400.0], [0.0; 3]),
             home: Pose::from_mm_deg([1000.0, -200.0, 1100.0], [0.0, 90.0, 0.0]),
             workspace_um: [[0, -1_500_000, 0], [2_000_000, 1_500_000, 2_000_000]],
+            jobs: Vec::new(),
+            robot_options: Options::default(),
             seed: 1,
             speed: 1.0,
             pose_error: PoseErrorSize {

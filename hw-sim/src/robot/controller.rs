@@ -1,4 +1,7 @@
-//! The DX200 as a value: datagrams and time go in, datagrams come out.
+//! The DX200 as a value: datagrams, a person's acts and time go in, datagrams come out.
+//!
+//! What a client can do is a method with plain arguments; HSES and host control call the same ones. All of them first let
+//! everything happen that is due, so that it makes no difference when they are called.
 
 use core::net::SocketAddr;
 use std::collections::VecDeque;
@@ -6,50 +9,43 @@ use std::collections::VecDeque;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::checks::refuse_first;
 use crate::fault::Fault;
-use crate::robot::hses::{self, Refusal, Request};
+use crate::robot::alarms::{Alarm, AlarmBook, CODE_ESTOP};
+use crate::robot::files::{Files, SIMULATED, SIMULATED_TEXT};
+use crate::robot::hses::{FileLink, Port, Request, is_read};
+use crate::robot::io::Signals;
+use crate::robot::job::run::Playback;
 use crate::robot::motion::Motion;
-use crate::robot::order::{
-    ALARM_PRESENT, HELD_BY_COMMAND, HELD_BY_PENDANT, INSTANCE_ALARM_RESET, INSTANCE_HOLD, INSTANCE_PULSES, MOVING,
-    MoveOrder, NOT_REMOTE, SERVO_OFF, SERVO_REFUSED, SWITCH_ON, VALUE, WRONG_MODE, check_target, no_data, switch_value,
-};
 use crate::robot::pose::Pose;
-
-/// What a controller is built with.
-#[derive(Clone, Debug)]
-pub struct Settings {
-    /// Where the arm stands at first.
-    pub home: Pose,
-    /// Lowest x, y, z a target may have, µm.
-    pub workspace_min_um: [i32; 3],
-    /// Highest x, y, z a target may have, µm.
-    pub workspace_max_um: [i32; 3],
-    /// Seconds of the robot in one second of the clock; positive.
-    pub speed: f64,
-    /// Seeds the loss of answers.
-    pub seed: u64,
-    /// What goes wrong; faults of the camera are ignored.
-    pub faults: Vec<Fault>,
-}
+use crate::robot::refused::Refused;
+pub use crate::robot::settings::{Options, Settings};
+use crate::robot::switches::{Cycle, Mode};
+use crate::robot::variables::Variables;
 
 /// The simulated robot controller. It starts in play mode with command remote, servo off, standing at home.
 #[derive(Clone, Debug)]
 pub struct Controller {
-    settings: Settings,
-    is_playing: bool,
-    is_remote: bool,
-    is_servo_on: bool,
-    is_held_by_command: bool,
-    is_held_by_pendant: bool,
-    is_estop_pressed: bool,
-    is_silent: bool,
-    alarms: Vec<Alarm>,
-    pose: Pose,
-    tool: i32,
-    motion: Option<Motion>,
-    incident: Option<(u64, Incident)>,
-    accepted_move_count: u32,
+    pub(super) settings: Settings,
+    pub(super) switches: Switches,
+    pub(super) holds: Holds,
+    pub(super) alarms: AlarmBook,
+    pub(super) has_error: bool,
+    pub(super) is_silent: bool,
+    pub(super) pose: Pose,
+    pub(super) tool: i32,
+    pub(super) motion: Option<Motion>,
+    pub(super) incidents: Vec<(u64, Incident)>,
+    pub(super) accepted_move_count: u32,
+    pub(super) last_active_ns: u64,
+    pub(super) variables: Variables,
+    pub(super) signals: Signals,
+    pub(super) files: Files,
+    pub(super) playback: Playback,
+    pub(super) file_link: FileLink,
+    pub(super) times: Times,
+    pub(super) pendant_text: Vec<u8>,
+    pub(super) busy_until_ns: u64,
+    clock_ns: u64,
     answer_count: u64,
     outputs: VecDeque<RobotOutput>,
 }
@@ -59,6 +55,8 @@ pub struct Controller {
 pub enum RobotOutput {
     /// An answer, for the sender of the request alone.
     Datagram {
+        /// Port that it leaves from.
+        port: Port,
         /// Receiver.
         to: SocketAddr,
         /// Whole datagram.
@@ -71,74 +69,188 @@ pub enum RobotOutput {
 /// What a person at the cell does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Panel {
-    /// Turns the key to play, or to teach.
+    /// Turns the mode to play, or to teach.
     Play(bool),
-    /// Sets or clears command remote.
+    /// Turns the key to remote, or away from it.
     Remote(bool),
+    /// Switches the pseudo input CMD REMOTE SEL (#82015): on at first. Without it the key at remote is not enough.
+    CommandRemoteSelect(bool),
     /// Presses or releases the hold of the pendant.
     Hold(bool),
+    /// Presses or releases the hold of the operator's panel.
+    PanelHold(bool),
+    /// Switches the external hold signal.
+    ExternalHold(bool),
     /// Presses or releases the emergency stop.
     EmergencyStop(bool),
+    /// Opens or closes the cell's door. While it is open there is no servo power.
+    Door(bool),
+    /// Switches the speed restriction.
+    SpeedRestriction(bool),
+    /// Something raises an alarm of this code.
+    Alarm(u32),
+    /// Something raises an error, to be cancelled.
+    Error,
+    /// Resets alarms at the pendant: the same ones as from afar.
+    Reset,
+    /// Switches servo power at the pendant, in any mode and without command remote.
+    Servo(bool),
+    /// Switches the controller off, or on again. Off, it answers nothing; on again, servo power is off, nothing runs, no alarm is
+    /// active and all memory is as it was.
+    Power(bool),
+    /// A wire at an input: the signal by its number, whose last digit is 0 to 7. Numbers that do not exist change nothing.
+    Signal {
+        /// For example 20010.
+        signal: u32,
+        /// State of the wire.
+        is_on: bool,
+    },
 }
 
-/// An alarm that is not reset yet.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Alarm {
-    code: u32,
-    raised_ns: u64,
+/// What is switched on.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Switches {
+    pub(super) is_playing: bool,
+    pub(super) is_remote_key: bool,
+    pub(super) is_remote_selected: bool,
+    pub(super) is_servo_on: bool,
+    pub(super) is_estop_pressed: bool,
+    pub(super) is_door_open: bool,
+    pub(super) is_speed_restricted: bool,
+    pub(super) is_pendant_locked: bool,
+    pub(super) is_powered: bool,
+    pub(super) cycle: Cycle,
+}
+
+impl Switches {
+    pub(super) fn is_command_remote(&self) -> bool {
+        self.is_remote_key && self.is_remote_selected
+    }
+}
+
+/// Who holds the arm.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Holds {
+    pub(super) pendant: bool,
+    pub(super) panel: bool,
+    pub(super) external: bool,
+    pub(super) command: bool,
 }
 
 /// What happens in the middle of a move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Incident {
+pub(super) enum Incident {
     Alarm(u32),
     EmergencyStop,
+    Door,
+    PendantHold,
+    ServoDrop,
+    /// Off for this long.
+    PowerLoss(u64),
+    PowerReturn,
+    /// Refuses what is not a read for this long.
+    Busy(u64),
 }
 
-/// Data of an answer, or the refusal.
-type Reply = Result<Vec<u8>, Refusal>;
+/// How long things have been on, in ns of the cell's clock.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Times {
+    pub(super) servo_ns: u64,
+    pub(super) playback_ns: u64,
+    pub(super) moving_ns: u64,
+}
+
+/// What is due next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Due {
+    Incident(usize),
+    MotionEnd,
+    Job,
+    ServoSleep,
+    FileStall,
+}
 
 impl Controller {
-    /// Controller at home.
+    /// Controller at home, with the jobs of its settings and one called SIMULATED. A job that is none is told as a
+    /// violation.
     pub fn new(settings: Settings) -> Self {
-        Self {
-            is_playing: true,
-            is_remote: !settings.faults.contains(&Fault::RemoteOff),
-            is_servo_on: false,
-            is_held_by_command: false,
-            is_held_by_pendant: false,
-            is_estop_pressed: settings.faults.contains(&Fault::ServoRefused),
+        let options = &settings.options;
+        let mut controller = Self {
+            switches: Switches {
+                is_playing: true,
+                is_remote_key: !settings.faults.contains(&Fault::RemoteOff),
+                is_remote_selected: true,
+                is_servo_on: false,
+                is_estop_pressed: settings.faults.contains(&Fault::ServoRefused),
+                is_door_open: false,
+                is_speed_restricted: false,
+                is_pendant_locked: false,
+                is_powered: true,
+                cycle: Cycle::Auto,
+            },
+            holds: Holds::default(),
+            alarms: AlarmBook::default(),
+            has_error: false,
             is_silent: false,
-            alarms: Vec::new(),
             pose: settings.home,
             tool: TOOL_AT_START,
             motion: None,
-            incident: None,
+            incidents: Vec::new(),
             accepted_move_count: 0,
+            last_active_ns: 0,
+            variables: Variables::new(options.scalar_variable_count, options.position_variable_count),
+            signals: Signals::default(),
+            files: Files::default(),
+            playback: Playback::default(),
+            file_link: FileLink::default(),
+            times: Times::default(),
+            busy_until_ns: 0,
+            pendant_text: Vec::new(),
+            clock_ns: 0,
             answer_count: 0,
             outputs: VecDeque::new(),
             settings,
+        };
+        let jobs = controller.settings.jobs.clone();
+        let simulated = (SIMULATED.to_owned(), SIMULATED_TEXT.to_owned());
+        for (name, text) in jobs.iter().chain([&simulated]) {
+            if let Err(error) = controller.install_job(name, text.as_bytes()) {
+                controller.violation(format!("job {name} of the settings: {error}"));
+            }
+        }
+        controller
+    }
+
+    /// Takes one datagram of a port of HSES. A malformed one is told, and answered where the sheet has a code for it.
+    pub fn handle_datagram(&mut self, now_ns: u64, port: Port, from: SocketAddr, datagram: &[u8]) {
+        self.advance(now_ns);
+        if !self.switches.is_powered {
+            return;
+        }
+        let answer = match Request::parse(port, datagram) {
+            Ok(request) => match port {
+                Port::Robot => Some(self.answer(now_ns, &request)),
+                Port::File => self.reply_file(now_ns, from, &request),
+            },
+            Err(malformed) => {
+                self.violation(format!("hses from {from}: {malformed}"));
+                Request::answer_malformed(port, datagram, malformed)
+            }
+        };
+        let Some(bytes) = answer else { return };
+        self.answer_count += 1;
+        if !self.is_silent() && !self.is_answer_lost() {
+            self.outputs.push_back(RobotOutput::Datagram { port, to: from, bytes });
         }
     }
 
-    /// Takes one datagram. A malformed one is told and not answered.
-    pub fn handle_datagram(&mut self, now_ns: u64, from: SocketAddr, datagram: &[u8]) {
-        self.advance(now_ns);
-        let request = match Request::parse(datagram) {
-            Ok(request) => request,
-            Err(malformed) => {
-                self.outputs
-                    .push_back(RobotOutput::Violation(format!("hses from {from}: {malformed}")));
-                return;
-            }
-        };
-        let bytes = match self.reply(now_ns, &request) {
+    fn answer(&mut self, now_ns: u64, request: &Request) -> Vec<u8> {
+        if now_ns < self.busy_until_ns && !is_read(request) {
+            return self.refuse(request, Refused::BUSY.into());
+        }
+        match self.reply(now_ns, request) {
             Ok(data) => request.done(&data),
-            Err(refusal) => request.refused(refusal),
-        };
-        self.answer_count += 1;
-        if !self.is_silent && !self.is_answer_lost() {
-            self.outputs.push_back(RobotOutput::Datagram { to: from, bytes });
+            Err(refusal) => self.refuse(request, refusal),
         }
     }
 
@@ -146,20 +258,42 @@ impl Controller {
     pub fn handle_panel(&mut self, now_ns: u64, panel: Panel) {
         self.advance(now_ns);
         match panel {
-            Panel::Play(is_playing) => self.is_playing = is_playing,
-            Panel::Remote(is_remote) => self.is_remote = is_remote,
-            Panel::Hold(is_held) => {
-                self.is_held_by_pendant = is_held;
-                if is_held {
-                    self.slow_down(now_ns);
-                }
-            }
-            Panel::EmergencyStop(is_pressed) => {
-                self.is_estop_pressed = is_pressed;
-                if is_pressed {
+            Panel::Play(is_playing) => self.turn_mode(now_ns, if is_playing { Mode::Play } else { Mode::Teach }),
+            Panel::Remote(is_remote) => self.switches.is_remote_key = is_remote,
+            Panel::CommandRemoteSelect(is_on) => self.switches.is_remote_selected = is_on,
+            Panel::Hold(is_held) => self.holds.pendant = is_held,
+            Panel::PanelHold(is_held) => self.holds.panel = is_held,
+            Panel::ExternalHold(is_held) => self.holds.external = is_held,
+            Panel::EmergencyStop(true) => self.press_estop(now_ns),
+            Panel::EmergencyStop(false) => self.switches.is_estop_pressed = false,
+            Panel::Door(is_open) => {
+                self.switches.is_door_open = is_open;
+                if is_open {
                     self.servo_off(now_ns);
                 }
             }
+            Panel::SpeedRestriction(is_on) => self.switches.is_speed_restricted = is_on,
+            Panel::Alarm(code) => self.raise_alarm(now_ns, code, 1),
+            Panel::Error => {
+                self.has_error = true;
+                self.pause(now_ns);
+            }
+            Panel::Reset => {
+                let is_pressed = self.switches.is_estop_pressed;
+                self.alarms.reset(if is_pressed { &[CODE_ESTOP] } else { &[] });
+            }
+            Panel::Servo(true) => {
+                self.switches.is_servo_on |= !self.is_servo_barred() && !self.alarms.is_any();
+                self.last_active_ns = now_ns;
+            }
+            Panel::Servo(false) => self.servo_off(now_ns),
+            Panel::Power(is_on) => self.switch_power(now_ns, is_on),
+            Panel::Signal { signal, is_on } => {
+                self.signals.set_signal(signal, is_on).ok();
+            }
+        }
+        if self.holds.pendant || self.holds.panel || self.holds.external {
+            self.pause(now_ns);
         }
     }
 
@@ -171,7 +305,7 @@ impl Controller {
     /// Where the arm is, `base_from_tool`; exactly what it reports.
     pub fn pose(&mut self, now_ns: u64) -> Pose {
         self.advance(now_ns);
-        self.motion.as_ref().map_or(self.pose, |motion| motion.pose(now_ns))
+        self.standing(now_ns)
     }
 
     /// Whether the arm is moving.
@@ -180,213 +314,170 @@ impl Controller {
         self.motion.is_some()
     }
 
-    /// Moves accepted so far.
+    /// Moves begun so far, of clients and of jobs.
     pub fn accepted_move_count(&self) -> u32 {
         self.accepted_move_count
     }
 
-    /// Lets everything happen that is due: the incident of a fault first, then the end of the move.
-    fn advance(&mut self, now_ns: u64) {
-        if let Some((at_ns, incident)) = self.incident.filter(|(at_ns, _)| *at_ns <= now_ns) {
-            self.incident = None;
-            match incident {
-                Incident::Alarm(code) => self.raise_alarm(at_ns, code),
-                Incident::EmergencyStop => {
-                    self.is_estop_pressed = true;
-                    self.servo_off(at_ns);
+    /// Whether nothing comes out of the controller: no power, or a fault. Whoever serves a link sends nothing then.
+    pub fn is_silent(&self) -> bool {
+        self.is_silent || !self.switches.is_powered
+    }
+
+    /// Lets everything happen that is due, in the order of time; at one time in the order of [`Due`].
+    pub(super) fn advance(&mut self, now_ns: u64) {
+        self.wake_job(self.clock_ns);
+        while let Some((at_ns, due)) = self.next_due().filter(|(at_ns, _)| *at_ns <= now_ns) {
+            let at_ns = at_ns.max(self.clock_ns);
+            self.pass_time(at_ns);
+            match due {
+                Due::Incident(index) => {
+                    let (_, incident) = self.incidents.remove(index);
+                    self.befall(at_ns, incident);
+                }
+                Due::MotionEnd => {
+                    self.end_motion(at_ns);
+                    self.job_move_done(at_ns);
+                }
+                Due::Job => self.step_job(at_ns),
+                Due::ServoSleep => self.servo_off(at_ns),
+                Due::FileStall => {
+                    if let Some((to, bytes)) = self.drop_transfer() {
+                        let port = Port::File;
+                        self.outputs.push_back(RobotOutput::Datagram { port, to, bytes });
+                    }
                 }
             }
         }
-        if let Some(motion) = self.motion.take_if(|motion| motion.end_ns() <= now_ns) {
+        self.pass_time(now_ns);
+    }
+
+    /// When the controller has something to say by itself.
+    pub fn wake_at(&self) -> Option<u64> {
+        self.file_deadline_ns()
+    }
+
+    /// Lets everything happen that is due and says what there is to say.
+    pub fn handle_wake(&mut self, now_ns: u64) {
+        self.advance(now_ns);
+    }
+
+    /// Nothing changes up to this time.
+    fn pass_time(&mut self, now_ns: u64) {
+        let passed_ns = now_ns.saturating_sub(self.clock_ns);
+        let count = |is_on: bool| if is_on { passed_ns } else { 0 };
+        self.times.servo_ns += count(self.switches.is_servo_on);
+        self.times.playback_ns += count(self.is_running());
+        self.times.moving_ns += count(self.motion.is_some());
+        self.clock_ns += passed_ns;
+    }
+
+    fn next_due(&self) -> Option<(u64, Due)> {
+        let incident = self.incidents.iter().enumerate().min_by_key(|(_, (at_ns, _))| *at_ns);
+        let incident = incident.map(|(index, (at_ns, _))| (*at_ns, Due::Incident(index)));
+        let motion_end = self.motion.as_ref().map(|motion| (motion.end_ns(), Due::MotionEnd));
+        let job = self.job_due_ns().map(|at_ns| (at_ns, Due::Job));
+        let sleeps = self.switches.is_servo_on && !self.is_running();
+        let servo_sleep = self.settings.options.servo_sleep_s.filter(|_| sleeps);
+        let servo_sleep = servo_sleep.map(|idle_s| (self.last_active_ns + self.clock_span_ns(idle_s), Due::ServoSleep));
+        let stall = self.file_deadline_ns().map(|at_ns| (at_ns, Due::FileStall));
+        [incident, motion_end, job, servo_sleep, stall]
+            .into_iter()
+            .flatten()
+            .min_by_key(|(at_ns, _)| *at_ns)
+    }
+
+    fn befall(&mut self, now_ns: u64, incident: Incident) {
+        match incident {
+            Incident::Alarm(code) => self.raise_alarm(now_ns, code, 1),
+            Incident::EmergencyStop => self.press_estop(now_ns),
+            Incident::Door => {
+                self.switches.is_door_open = true;
+                self.servo_off(now_ns);
+            }
+            Incident::PendantHold => {
+                self.holds.pendant = true;
+                self.pause(now_ns);
+            }
+            Incident::ServoDrop => self.servo_off(now_ns),
+            Incident::PowerLoss(span_ns) => {
+                self.switch_power(now_ns, false);
+                self.incidents.push((now_ns + span_ns, Incident::PowerReturn));
+            }
+            Incident::PowerReturn => self.switch_power(now_ns, true),
+            Incident::Busy(span_ns) => self.busy_until_ns = now_ns + span_ns,
+        }
+    }
+
+    fn end_motion(&mut self, now_ns: u64) {
+        if let Some(motion) = self.motion.take() {
             self.pose = motion.pose(now_ns);
+            self.last_active_ns = now_ns;
         }
     }
 
-    fn reply(&mut self, now_ns: u64, request: &Request) -> Reply {
-        check_target(request)?;
-        match (request.command, request.instance) {
-            (hses::COMMAND_ALARM, instance) => no_data(request).map(|()| self.alarm_data(instance)),
-            (hses::COMMAND_STATUS, _) => no_data(request).map(|()| self.status_data()),
-            (hses::COMMAND_POSITION, instance) => no_data(request).map(|()| self.position_data(now_ns, instance)),
-            (hses::COMMAND_SYSTEM, _) => no_data(request).map(|()| {
-                hses::system_data(
-                    concat!("SIMULATED ", env!("CARGO_PKG_VERSION")),
-                    "SIMULATED DX200",
-                    "SIM",
-                )
-            }),
-            (hses::COMMAND_RESET, instance) => self.reset(request, instance),
-            (hses::COMMAND_SWITCH, INSTANCE_HOLD) => self.switch_hold(now_ns, request),
-            (hses::COMMAND_SWITCH, _) => self.switch_servo(now_ns, request),
-            (hses::COMMAND_MOVE, _) => self.accept_move(now_ns, request),
-            _ => Err(Refusal::UndefinedCommand),
-        }
+    /// Whether the arm moves or a job runs.
+    pub(super) fn is_running(&self) -> bool {
+        self.motion.is_some() || self.is_job_running()
     }
 
-    fn status_data(&self) -> Vec<u8> {
-        let bit = |is_set: bool, bit: u32| u32::from(is_set) << bit;
-        let data_1 = bit(true, 2)
-            | bit(self.motion.is_some(), 3)
-            | bit(!self.is_playing, 5)
-            | bit(self.is_playing, 6)
-            | bit(self.is_remote, 7);
-        let data_2 = bit(self.is_held_by_pendant, 1)
-            | bit(self.is_held_by_command, 3)
-            | bit(!self.alarms.is_empty(), 4)
-            | bit(self.is_servo_on, 6);
-        hses::status_data(data_1, data_2)
+    /// Slows down whatever moves and stops what runs; a start goes on from there.
+    pub(super) fn pause(&mut self, now_ns: u64) {
+        if let Some(motion) = &mut self.motion {
+            motion.stop(now_ns);
+        }
+        self.stop_job(now_ns);
     }
 
-    fn alarm_data(&self, instance: u16) -> Vec<u8> {
-        match self.alarms.get(usize::from(instance) - 1) {
-            Some(alarm) => hses::alarm_data(
-                alarm.code,
-                1,
-                1,
-                &controller_time(alarm.raised_ns),
-                alarm_name(alarm.code),
-            ),
-            None => hses::alarm_data(0, 0, 0, "", ""),
-        }
+    pub(super) fn violation(&mut self, text: String) {
+        self.outputs.push_back(RobotOutput::Violation(text));
     }
 
-    /// Instance 1 is the pulses, on a scale of the simulator's own; the other is the pose in the base.
-    fn position_data(&mut self, now_ns: u64, instance: u16) -> Vec<u8> {
-        let Pose {
-            position_um: [x, y, z],
-            turn_e4_deg: [rx, ry, rz],
-        } = self.pose(now_ns);
-        if instance == INSTANCE_PULSES {
-            return hses::words_data(&[
-                0,
-                0,
-                self.tool,
-                0,
-                0,
-                x / 10,
-                y / 10,
-                z / 10,
-                rx / 10,
-                ry / 10,
-                rz / 10,
-                0,
-                0,
-            ]);
-        }
-        hses::words_data(&[16, FORM, self.tool, 0, 0, x, y, z, rx, ry, rz, 0, 0])
-    }
-
-    fn reset(&mut self, request: &Request, instance: u16) -> Reply {
-        self.check_remote()?;
-        if switch_value(request)? != 1 {
-            return Err(Refusal::Failed(VALUE));
-        }
-        if instance == INSTANCE_ALARM_RESET {
-            self.alarms.clear();
-        }
-        Ok(Vec::new())
-    }
-
-    /// Hold on works in any mode and without command remote: a stop needs no permission.
-    fn switch_hold(&mut self, now_ns: u64, request: &Request) -> Reply {
-        match switch_value(request)? {
-            SWITCH_ON => {
-                self.is_held_by_command = true;
-                self.slow_down(now_ns);
-            }
-            _ => {
-                self.check_remote()?;
-                self.is_held_by_command = false;
-            }
-        }
-        Ok(Vec::new())
-    }
-
-    fn switch_servo(&mut self, now_ns: u64, request: &Request) -> Reply {
-        self.check_remote()?;
-        match switch_value(request)? {
-            SWITCH_ON => {
-                self.check_no_alarm()?;
-                if self.is_estop_pressed {
-                    return Err(Refusal::Failed(SERVO_REFUSED));
-                }
-                self.is_servo_on = true;
-            }
-            _ => self.servo_off(now_ns),
-        }
-        Ok(Vec::new())
-    }
-
-    fn accept_move(&mut self, now_ns: u64, request: &Request) -> Reply {
-        self.check_remote()?;
-        refuse_first([
-            (!self.is_playing, Refusal::Failed(WRONG_MODE)),
-            (!self.alarms.is_empty(), Refusal::Failed(ALARM_PRESENT)),
-            (self.is_held_by_pendant, Refusal::Failed(HELD_BY_PENDANT)),
-            (self.is_held_by_command, Refusal::Failed(HELD_BY_COMMAND)),
-            (!self.is_servo_on, Refusal::Failed(SERVO_OFF)),
-            (self.motion.is_some(), Refusal::Failed(MOVING)),
-        ])?;
-        let order = MoveOrder::read(request, &self.settings)?;
-        self.begin_move(now_ns, order);
-        Ok(Vec::new())
-    }
-
-    fn begin_move(&mut self, now_ns: u64, order: MoveOrder) {
-        let move_index = self.accepted_move_count;
-        self.accepted_move_count += 1;
-        self.tool = order.tool;
-        let mut target = order.target;
-        for fault in &self.settings.faults {
-            match *fault {
-                Fault::Elsewhere { distance_mm, view } if view == move_index => {
-                    target.position_um[2] += (distance_mm * 1000.0).round() as i32;
-                }
-                Fault::RobotSilent { view } if view == move_index => self.is_silent = true,
-                _ => (),
-            }
-        }
-        let motion = Motion::new(now_ns, self.pose, target, order.rate, self.settings.speed);
-        self.incident = self.settings.faults.iter().find_map(|fault| match *fault {
-            Fault::RobotAlarm { code, view } if view == move_index => Some((motion.middle_ns(), Incident::Alarm(code))),
-            Fault::Estop { view } if view == move_index => Some((motion.middle_ns(), Incident::EmergencyStop)),
-            _ => None,
+    pub(super) fn raise_alarm(&mut self, now_ns: u64, code: u32, data: u32) {
+        self.alarms.raise(Alarm {
+            code,
+            data,
+            raised_ns: now_ns,
         });
-        self.motion = Some(motion);
-    }
-
-    fn raise_alarm(&mut self, now_ns: u64, code: u32) {
-        self.alarms.insert(
-            0,
-            Alarm {
-                code,
-                raised_ns: now_ns,
-            },
-        );
-        self.alarms.truncate(ALARM_COUNT_MAX);
         self.servo_off(now_ns);
     }
 
-    fn slow_down(&mut self, now_ns: u64) {
-        if let Some(motion) = &mut self.motion {
-            motion.stop(now_ns);
+    fn press_estop(&mut self, now_ns: u64) {
+        self.switches.is_estop_pressed = true;
+        self.servo_off(now_ns);
+        if self.settings.options.estop_latches_alarm {
+            self.raise_alarm(now_ns, CODE_ESTOP, 0);
         }
     }
 
     /// The brakes fall at once: no ramp.
-    fn servo_off(&mut self, now_ns: u64) {
-        self.is_servo_on = false;
-        if let Some(motion) = self.motion.take() {
-            self.pose = motion.pose(now_ns);
+    pub(super) fn servo_off(&mut self, now_ns: u64) {
+        self.pause(now_ns);
+        self.switches.is_servo_on = false;
+        self.end_motion(now_ns);
+    }
+
+    fn switch_power(&mut self, now_ns: u64, is_on: bool) {
+        self.servo_off(now_ns);
+        self.switches.is_powered = is_on;
+        self.incidents.clear();
+        self.forget_transfer();
+        self.holds.command = false;
+        self.has_error = false;
+        self.alarms.clear();
+        if self.switches.is_estop_pressed && self.settings.options.estop_latches_alarm {
+            self.raise_alarm(now_ns, CODE_ESTOP, 0);
         }
     }
 
-    fn check_remote(&self) -> Result<(), Refusal> {
-        refuse_first([(!self.is_remote, Refusal::Failed(NOT_REMOTE))])
+    /// Span of the controller's time in one of the clock's.
+    pub(super) fn controller_ns(&self, span_ns: u64) -> u64 {
+        (span_ns as f64 * self.settings.speed) as u64
     }
 
-    fn check_no_alarm(&self) -> Result<(), Refusal> {
-        refuse_first([(!self.alarms.is_empty(), Refusal::Failed(ALARM_PRESENT))])
+    /// Time on the cell's clock of a span of the controller's, ns.
+    pub(super) fn clock_span_ns(&self, controller_s: f64) -> u64 {
+        (controller_s / self.settings.speed * 1e9).round() as u64
     }
 
     /// Drawn from the seed and the count of the answer.
@@ -402,28 +493,7 @@ impl Controller {
     }
 }
 
-/// "YYYY/MM/DD HH:MM" of a calendar that begins when the cell does.
-fn controller_time(now_ns: u64) -> String {
-    let minutes = 3 * 60 + 4 + now_ns / 60_000_000_000;
-    format!(
-        "2026/01/{:02} {:02}:{:02}",
-        (2 + minutes / 1440).min(31),
-        minutes / 60 % 24,
-        minutes % 60
-    )
-}
-
-fn alarm_name(code: u32) -> &'static str {
-    match code {
-        4315 => "COLLISION DETECT",
-        _ => "SIMULATED ALARM",
-    }
-}
-
 const TOOL_AT_START: i32 = 1;
-/// Arm configuration that the position answer states: the one of the page's vector.
-const FORM: i32 = 4;
-const ALARM_COUNT_MAX: usize = 4;
 
 #[cfg(test)]
 #[path = "controller_tests.rs"]

@@ -11,6 +11,7 @@ fn settings(faults: &[&str]) -> Settings {
         speed: 1.0,
         seed: 1,
         faults: faults.iter().map(|fault| fault.parse().unwrap()).collect(),
+        ..Settings::default()
     }
 }
 
@@ -32,9 +33,9 @@ fn client() -> SocketAddr {
 }
 
 fn ask(robot: &mut Controller, now_ns: u64, datagram: &[u8]) -> Option<Vec<u8>> {
-    robot.handle_datagram(now_ns, client(), datagram);
+    robot.handle_datagram(now_ns, Port::Robot, client(), datagram);
     match robot.poll_output()? {
-        RobotOutput::Datagram { to, bytes } => {
+        RobotOutput::Datagram { to, bytes, .. } => {
             assert_eq!(to, client());
             Some(bytes)
         }
@@ -115,14 +116,14 @@ fn every_request_of_the_page_is_answered_as_the_page_says() {
 #[test]
 fn what_the_controller_does_not_know_is_refused_by_its_own_status() {
     let mut robot = controller(&[]);
-    for (at, value, status) in [(24, 0x7F, 0x08), (26, 9, 0x28), (28, 7, 0x09), (29, 0x0E, 0x08)] {
+    for (at, value, status) in [(24, 0x6F, 0x08), (26, 9, 0x28), (28, 7, 0x09), (29, 0x55, 0x08)] {
         let mut datagram = vector(HSES_PAGE, "req_status");
         datagram[at] = value;
         let answer = ask(&mut robot, 0, &datagram).unwrap();
         assert_eq!((answer[25], answer[26]), (status, 0), "byte {at}");
     }
     let mut undefined = vector(HSES_PAGE, "req_status");
-    (undefined[11], undefined[24]) = (1, 0x7F);
+    (undefined[11], undefined[24]) = (1, 0x6F);
     assert_eq!(
         ask(&mut robot, 0, &undefined),
         Some(vector(HSES_PAGE, "ans_undefined_command"))
@@ -144,7 +145,7 @@ fn pulses_have_instance_1_and_no_other_instance_but_the_base_exists() {
 fn a_malformed_datagram_is_told_and_not_answered() {
     let mut robot = controller(&[]);
     let from = ([127, 0, 0, 1], 5000).into();
-    robot.handle_datagram(0, from, b"YERC");
+    robot.handle_datagram(0, Port::Robot, from, b"YERC");
     assert!(matches!(robot.poll_output(), Some(RobotOutput::Violation(_))));
     assert_eq!(robot.poll_output(), None);
 }

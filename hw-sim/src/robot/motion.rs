@@ -1,14 +1,14 @@
-//! One move of the arm: a straight line and the shortest turn, with a ramp at either end.
+//! One move of the arm, with a ramp at either end: a straight line and the shortest turn, or all axes together.
 
 use nalgebra::Isometry3;
 
+use crate::robot::axes::AXIS_COUNT;
 use crate::robot::pose::{Pose, interpolate};
 
 /// A move under way. Times are in ns of the cell's clock; `speed` of them pass on the controller for each.
 #[derive(Clone, Debug)]
 pub struct Motion {
-    start: Isometry3<f64>,
-    end: Isometry3<f64>,
+    way: Way,
     target: Pose,
     begin_ns: u64,
     speed: f64,
@@ -26,6 +26,18 @@ pub enum Rate {
     Share(f64),
 }
 
+/// What lies between start and target.
+#[derive(Clone, Copy, Debug)]
+enum Way {
+    /// Position on a line, orientation by the shortest turn.
+    Straight { start: Isometry3<f64>, end: Isometry3<f64> },
+    /// Each axis in proportion, in pulses.
+    Link {
+        start: [i32; AXIS_COUNT],
+        end: [i32; AXIS_COUNT],
+    },
+}
+
 /// Stretch of constant acceleration of the share of the way gone, in seconds of the controller.
 #[derive(Clone, Copy, Debug)]
 struct Piece {
@@ -37,26 +49,39 @@ struct Piece {
 }
 
 impl Motion {
-    /// Move from a standing arm to `target`, begun at `begin_ns`. Line and turn end together; neither is faster than
-    /// [`LINE_MAX_MM_S`] or [`TURN_MAX_RAD_S`]. A move to where the arm stands, written as it may be, takes no time.
+    /// Straight move from a standing arm to `target`, begun at `begin_ns`. Line and turn end together; neither is faster
+    /// than [`LINE_MAX_MM_S`] or [`TURN_MAX_RAD_S`]. A move to where the arm stands, written as it may be, takes no time.
     pub fn new(begin_ns: u64, start: Pose, target: Pose, rate: Rate, speed: f64) -> Self {
         let (from, to) = (start.to_isometry(), target.to_isometry());
+        let way = Way::Straight { start: from, end: to };
         let distance_mm = (to.translation.vector - from.translation.vector).norm();
         let angle_rad = from.rotation.angle_to(&to.rotation);
         let shortest_s = (distance_mm / LINE_MAX_MM_S).max(angle_rad / TURN_MAX_RAD_S);
-        let duration_s = match rate {
-            Rate::ToolPoint(mm_s) => (distance_mm / mm_s).max(shortest_s),
-            Rate::Turn(rad_s) => (angle_rad / rad_s).max(shortest_s),
-            Rate::Share(share) => shortest_s / share,
-        };
+        let duration_s = rate.duration_s(distance_mm, angle_rad, shortest_s);
+        Self::along(way, target, begin_ns, duration_s, speed)
+    }
+
+    /// Move of all axes together, which end together; no axis is faster than [`LINE_MAX_MM_S`] or [`TURN_MAX_RAD_S`].
+    pub fn link(begin_ns: u64, start: Pose, target: Pose, rate: Rate, speed: f64) -> Self {
+        let (from, to) = (start.to_pulses(), target.to_pulses());
+        let gap = |axis: usize| f64::from(to[axis]) - f64::from(from[axis]);
+        let longest = |axes: core::ops::Range<usize>| axes.map(|axis| gap(axis).abs()).fold(0.0, f64::max);
+        let distance_mm = longest(0..3) / 1000.0;
+        let angle_rad = (longest(3..AXIS_COUNT) / 10_000.0).to_radians();
+        let shortest_s = (distance_mm / LINE_MAX_MM_S).max(angle_rad / TURN_MAX_RAD_S);
+        let duration_s = rate.duration_s(distance_mm, angle_rad, shortest_s);
+        let way = Way::Link { start: from, end: to };
+        Self::along(way, target, begin_ns, duration_s, speed)
+    }
+
+    fn along(way: Way, target: Pose, begin_ns: u64, duration_s: f64, speed: f64) -> Self {
         let pieces = if duration_s < SHORTEST_S {
             Vec::new()
         } else {
             trapezoid(duration_s)
         };
         Self {
-            start: from,
-            end: to,
+            way,
             target,
             begin_ns,
             speed,
@@ -82,7 +107,12 @@ impl Motion {
         if share >= 1.0 - WHOLE_TOLERANCE {
             return self.target;
         }
-        Pose::from_isometry(&interpolate(&self.start, &self.end, share))
+        match self.way {
+            Way::Straight { start, end } => Pose::from_isometry(&interpolate(&start, &end, share)),
+            Way::Link { start, end } => Pose::from_pulses(core::array::from_fn(|axis| {
+                (f64::from(start[axis]) + share * (f64::from(end[axis]) - f64::from(start[axis]))).round() as i32
+            })),
+        }
     }
 
     /// Slows down as the end of the move would, from now on.
@@ -128,6 +158,27 @@ impl Motion {
 
     fn at_ns(&self, controller_s: f64) -> u64 {
         self.begin_ns + (controller_s / self.speed * 1e9).round() as u64
+    }
+}
+
+impl Rate {
+    fn duration_s(self, distance_mm: f64, angle_rad: f64, shortest_s: f64) -> f64 {
+        match self {
+            Self::ToolPoint(mm_s) => (distance_mm / mm_s).max(shortest_s),
+            Self::Turn(rad_s) => (angle_rad / rad_s).max(shortest_s),
+            Self::Share(share) => shortest_s / share,
+        }
+    }
+
+    /// The same, no faster than this tool point speed; a share of the fastest move counts as that share of
+    /// [`LINE_MAX_MM_S`].
+    #[must_use]
+    pub fn restricted(self, mm_s_max: f64) -> Self {
+        match self {
+            Self::ToolPoint(mm_s) => Self::ToolPoint(mm_s.min(mm_s_max)),
+            Self::Turn(rad_s) => Self::Turn(rad_s),
+            Self::Share(share) => Self::Share(share.min(mm_s_max / LINE_MAX_MM_S)),
+        }
     }
 }
 
@@ -188,6 +239,19 @@ mod tests {
         assert_eq!(motion.end_ns(), 5 + 2_200_000_000);
         assert_eq!(motion.pose(5 + 1_100_000_000), at(50.0, 15.0));
         assert_eq!(motion.pose(motion.end_ns()), at(100.0, 30.0));
+    }
+
+    #[test]
+    fn a_link_move_turns_each_axis_in_proportion() {
+        let target = Pose::from_pulses([150_000, 0, 0, 1_800_000, 0, 900_000]);
+        let motion = Motion::link(0, at(0.0, 0.0), target, Rate::Share(0.5), 1.0);
+        // Half a turn at half of half a turn a second, and a ramp.
+        assert_eq!(motion.end_ns(), 2_200_000_000);
+        assert_eq!(
+            motion.pose(1_100_000_000).to_pulses(),
+            [75_000, 0, 0, 900_000, 0, 450_000]
+        );
+        assert_eq!(motion.pose(motion.end_ns()), target);
     }
 
     #[test]
