@@ -8,4 +8,5 @@ mod register;
 mod runs;
 mod settings;
 mod support;
+mod two_readings;
 mod virtual_time;

@@ -7,8 +7,8 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use bladescan::job::hex;
-use bladescan::robot::Command;
 use bladescan::robot::hses::{self, Answer};
+use bladescan::robot::{Command, Refusal};
 use clap::Args;
 use client::Asked;
 use hw_sim::robot::controller::{Controller, RobotOutput, Settings};
@@ -29,6 +29,7 @@ struct Tally {
     wrong: usize,
     left_out: usize,
     unserved: usize,
+    refused: usize,
 }
 
 pub(crate) fn run(arguments: &GoldenArguments) -> Result<(), Box<dyn Error>> {
@@ -48,13 +49,14 @@ pub(crate) fn run(arguments: &GoldenArguments) -> Result<(), Box<dyn Error>> {
         }
         writeln!(
             out,
-            "{}: {} vectors, {} left out; {} checks, {} wrong; {} requests that the simulator does not serve",
+            "{}: {} vectors, {} left out; {} checks, {} wrong; the simulator does not know {} requests and refuses {} for its state",
             file.display(),
             vectors.len(),
             tally.left_out,
             tally.checked,
             tally.wrong,
-            tally.unserved
+            tally.unserved,
+            tally.refused
         )?;
         wrong += tally.wrong;
     }
@@ -143,21 +145,34 @@ impl Tally {
         format!("out   {name}: {why}")
     }
 
-    /// Whether the simulator answers well; a command that it does not know is counted, not judged.
+    /// Whether the simulator answers well; a command that it does not know, or refuses for its state (no such job, a
+    /// position never set, an arm that does not reach), is counted, not judged.
     fn serve(&mut self, name: &str, command: &Command, golden: &[u8]) -> Option<String> {
-        match is_answered(command, golden) {
-            Some(right) => Some(self.check(right, name, "simulator answers it")),
-            None => {
+        match answered(command, golden) {
+            Served::Well => Some(self.check(true, name, "simulator answers it")),
+            Served::Badly => Some(self.check(false, name, "simulator answers it")),
+            Served::Unknown => {
                 self.unserved += 1;
                 None
+            }
+            Served::Refused(words) => {
+                self.refused += 1;
+                Some(format!("      {name}: simulator refuses it: {words}"))
             }
         }
     }
 }
 
-/// Whether a ready simulated controller carries the golden request out and answers so that the client understands;
-/// `None` if it does not know the command.
-fn is_answered(command: &Command, request: &[u8]) -> Option<bool> {
+/// How the simulator takes a request.
+enum Served {
+    Well,
+    Badly,
+    Unknown,
+    Refused(String),
+}
+
+/// How a ready simulated controller takes the golden request, and whether the client understands its answer.
+fn answered(command: &Command, request: &[u8]) -> Served {
     let mut robot = Controller::new(Settings {
         home: Pose::from_mm_deg([800.0, 0.0, 900.0], [0.0; 3]),
         workspace_min_um: [-2_000_000; 3],
@@ -175,14 +190,27 @@ fn is_answered(command: &Command, request: &[u8]) -> Option<bool> {
             _ => None,
         }
     };
-    if matches!(command, Command::Move(_)) {
+    if matches!(command, Command::Move(_) | Command::MovePulses(_) | Command::StartJob) {
         ask(&hses::request(&Command::ServoOn, 9).expect("it fits").encode());
     }
     let Some(answer) = ask(request).and_then(|bytes| Answer::decode(&bytes).ok()) else {
-        return Some(false);
+        return Served::Badly;
     };
-    let good = answer.id == request[11] && answer.status == 0 && hses::reply(command, &answer).is_ok();
-    (answer.status != UNDEFINED_COMMAND).then_some(good)
+    let refusal = Refusal {
+        status: answer.status,
+        added_status: answer.added_status,
+    };
+    match (answer.status, answer.added_status) {
+        (0, _) if answer.id == request[11] && hses::reply(command, &answer).is_ok() => Served::Well,
+        (UNDEFINED_COMMAND, _) | (_, 0xA000) => Served::Unknown,
+        (0x1F, state) if !is_about_form(state) => Served::Refused(refusal.words()),
+        _ => Served::Badly,
+    }
+}
+
+/// Whether a refusal blames the frame rather than the controller's state.
+fn is_about_form(added_status: u16) -> bool {
+    matches!(added_status, 0 | 0x1010..=0x1013 | 0xA001..=0xA101 | 0xB003 | 0xE49D..=0xE4A9)
 }
 
 fn bytes(digits: &Value) -> Result<Vec<u8>, Box<dyn Error>> {

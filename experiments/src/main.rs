@@ -4,6 +4,7 @@ mod bench;
 mod bound;
 mod cases;
 mod doubt;
+mod frames;
 mod fuzz;
 mod generate;
 mod golden;
@@ -41,6 +42,8 @@ enum Command {
     Golden(golden::GoldenArguments),
     /// Feeds random and mutated inputs to every decoder.
     Fuzz(fuzz::FuzzArguments),
+    /// Sends frames of other HSES clients to the simulated controller.
+    Frames(frames::FramesArguments),
     /// Prints one table of the registration's speed: kernels, full-sample MPE, one view by stage.
     Bench(bench::BenchArguments),
     /// Registers two clouds of ten million points: time by stage and memory.
@@ -59,6 +62,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Command::Mpe(arguments) => mpe::run(&arguments),
         Command::Golden(arguments) => golden::run(&arguments),
         Command::Fuzz(arguments) => fuzz::run(&arguments),
+        Command::Frames(arguments) => frames::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
         Command::Large(arguments) => large::run(&arguments),
         Command::Speed => speed::run(),

@@ -224,7 +224,7 @@ impl Controller {
     /// Takes one datagram of a port of HSES. A malformed one is told, and answered where the sheet has a code for it.
     pub fn handle_datagram(&mut self, now_ns: u64, port: Port, from: SocketAddr, datagram: &[u8]) {
         self.advance(now_ns);
-        if self.is_silent() {
+        if !self.switches.is_powered {
             return;
         }
         let answer = match Request::parse(port, datagram) {

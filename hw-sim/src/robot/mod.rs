@@ -21,3 +21,6 @@ pub mod status;
 mod store;
 pub mod switches;
 pub mod variables;
+
+#[cfg(test)]
+mod state_tests;
