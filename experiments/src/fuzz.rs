@@ -1,5 +1,6 @@
 //! Random and mutated inputs for every decoder, where no fuzzer is at hand: nothing may panic, nothing may grow.
 
+mod host;
 mod hses;
 
 use std::error::Error;
@@ -57,6 +58,30 @@ const DECODERS: &[Decoder] = &[
         name: "hses file transfer",
         feed: hses::file_transfer,
         seeds: hses::transfer_seeds,
+        mend: |_| {},
+    },
+    Decoder {
+        name: "host control answer and replies",
+        feed: host::answer,
+        seeds: host::answer_seeds,
+        mend: |_| {},
+    },
+    Decoder {
+        name: "host control over tcp",
+        feed: host::tcp,
+        seeds: host::tcp_seeds,
+        mend: |_| {},
+    },
+    Decoder {
+        name: "serial block",
+        feed: host::block,
+        seeds: host::block_seeds,
+        mend: host::mend_block,
+    },
+    Decoder {
+        name: "host control over serial",
+        feed: host::serial,
+        seeds: host::serial_seeds,
         mend: |_| {},
     },
 ];

@@ -4,7 +4,8 @@
 //! [`SerialLink`] carry them: one transaction at a time, bytes and time in, bytes and events out. Both have the same verbs.
 //!
 //! Every transaction that [`say`](TcpLink::say) opens ends in exactly one of [`LinkEvent::Answered`],
-//! [`LinkEvent::Refused`], [`LinkEvent::Unanswered`] and [`LinkEvent::Received`]; one that was given up ends in none.
+//! [`LinkEvent::Refused`] and [`LinkEvent::Unanswered`], or for files [`LinkEvent::Saved`] and [`LinkEvent::Listed`]; one that
+//! was given up ends in none.
 //! The other events are told beside.
 
 pub mod bsc;
@@ -12,11 +13,12 @@ mod link;
 pub mod tcp;
 pub mod text;
 
-pub use bsc::{FileRequest, SerialLink, SerialSettings};
+pub use bsc::{SerialLink, SerialSettings};
 pub use link::HostLink;
 pub use tcp::{TcpLink, TcpSettings};
 
 use super::command::Kind;
+use super::file::FileName;
 use super::reply::{Refusal, Reply};
 use thiserror::Error;
 
@@ -46,11 +48,16 @@ pub enum LinkEvent {
     /// No answer that makes sense, within the bounds. An act may have been carried out or not. Ends the transaction.
     Unanswered,
     /// The file that was asked for. Ends the transaction.
-    Received {
-        /// Its name, as the controller writes it.
-        name: String,
+    Saved {
+        /// Its name.
+        name: FileName,
         /// Its bytes.
-        text: Vec<u8>,
+        content: Vec<u8>,
+    },
+    /// The names of the files that were asked for. Ends the transaction.
+    Listed {
+        /// In the controller's order.
+        names: Vec<String>,
     },
     /// A file is on its way.
     Progress {

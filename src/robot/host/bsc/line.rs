@@ -3,6 +3,7 @@
 use super::SerialSettings;
 use super::block::{Block, BlockReader, DLE, ENQ, EOT, Header, NAK, SOH, STX};
 use crate::robot::command::Kind;
+use crate::robot::file::FILE_BYTES_MAX;
 use crate::stamp::{Stamp, earlier};
 use std::collections::VecDeque;
 
@@ -460,5 +461,5 @@ impl Control {
     }
 }
 
-/// The most text bytes that a transmission may bring.
-pub(super) const TRANSMISSION_BYTES_MAX: usize = 1 << 20;
+/// The most text bytes that a transmission may bring: a file and its name.
+const TRANSMISSION_BYTES_MAX: usize = FILE_BYTES_MAX + 64;

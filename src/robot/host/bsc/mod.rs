@@ -11,8 +11,9 @@ mod tests;
 use super::text;
 use super::{LinkEvent, LinkOutput, Unsupported};
 use crate::robot::command::{Command, Kind};
+use crate::robot::file::{FileCommand, FileEnding, FileName};
 use crate::robot::reply::{Refusal, Reply};
-use crate::robot::variable::{Form, JobName};
+use crate::robot::variable::Form;
 use crate::stamp::{Stamp, earlier};
 use block::Header;
 use line::{Line, LineEvent, Transmission};
@@ -49,23 +50,6 @@ impl Default for SerialSettings {
     }
 }
 
-/// Something to do with a job's text.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum FileRequest {
-    /// Send it to the controller.
-    Put {
-        /// The job.
-        job: JobName,
-        /// Its text, lines ended by CR LF.
-        text: Vec<u8>,
-    },
-    /// Fetch it from the controller.
-    Get {
-        /// The job.
-        job: JobName,
-    },
-}
-
 /// The host's end of the serial line: one command or file at a time.
 #[derive(Debug)]
 pub struct SerialLink {
@@ -90,8 +74,10 @@ struct Open {
 #[derive(Debug)]
 enum What {
     Command(Command),
-    Put { total_bytes: usize },
-    Get,
+    Load { total_bytes: usize },
+    Save(FileName),
+    List,
+    Delete,
 }
 
 impl SerialLink {
@@ -131,28 +117,38 @@ impl SerialLink {
         Ok(())
     }
 
-    /// Moves a job's text; only when idle. Putting is treated like an act.
+    /// Does something with the controller's jobs; only when idle.
+    ///
+    /// A job that goes to the controller is sent like an act: none of its blocks leaves twice on silence, since nothing
+    /// shows that a controller knows a repeated block. A half-sent job counts for nothing.
     ///
     /// # Errors
     ///
-    /// The text has a byte that the line cannot carry, or is empty; nothing has been sent.
-    pub fn transfer(&mut self, now: Stamp, request: &FileRequest) -> Result<(), Unsupported> {
-        match request {
-            FileRequest::Put { job, text } => {
-                if text.is_empty() || text.len() > line::TRANSMISSION_BYTES_MAX || !block::carries(text) {
+    /// The file is no job, or has a byte that the line cannot carry; nothing has been sent.
+    pub fn transfer(&mut self, now: Stamp, command: &FileCommand) -> Result<(), Unsupported> {
+        let said = |text: String| block::blocks(Header::COMMAND, None, text.as_bytes());
+        let (what, blocks, kind) = match command {
+            FileCommand::List(FileEnding::Jbi) => (What::List, said("RJDIR *\r".into()), command.kind()),
+            FileCommand::List(_) => return Err(Unsupported::Command(command.name())),
+            FileCommand::Save(name) => {
+                job(name)?;
+                let blocks = block::blocks(Header::JOB_REQUEST, None, file_line(name).as_bytes());
+                (What::Save(name.clone()), blocks, command.kind())
+            }
+            FileCommand::Load { name, content } => {
+                job(name)?;
+                let (line, text) = (file_line(name), content.as_bytes());
+                if !block::carries(text) {
                     let beginning = &text[..text.len().min(SHOWN_BYTES_MAX)];
                     return Err(Unsupported::Text(String::from_utf8_lossy(beginning).into_owned()));
                 }
-                let name = file_line(job);
-                let blocks = block::blocks(Header::JOB, Some(name.as_bytes()), text);
-                let total_bytes = text.len() + name.len();
-                self.begin(now, What::Put { total_bytes }, blocks, Kind::Act);
+                let total_bytes = line.len() + text.len();
+                let blocks = block::blocks(Header::JOB, Some(line.as_bytes()), text);
+                (What::Load { total_bytes }, blocks, Kind::Act)
             }
-            FileRequest::Get { job } => {
-                let blocks = block::blocks(Header::JOB_REQUEST, None, file_line(job).as_bytes());
-                self.begin(now, What::Get, blocks, Kind::Ask);
-            }
-        }
+            FileCommand::Delete(name) => (What::Delete, said(format!("DELETE {}\r", job(name)?)), command.kind()),
+        };
+        self.begin(now, what, blocks, kind);
         Ok(())
     }
 
@@ -245,12 +241,12 @@ impl SerialLink {
     fn tell_progress(&mut self, done_bytes: usize) {
         let total_bytes = match &self.open {
             Some(Open {
-                what: What::Put { total_bytes },
+                what: What::Load { total_bytes },
                 due: None,
                 ..
             }) => Some(*total_bytes),
             Some(Open {
-                what: What::Get,
+                what: What::Save(_),
                 due: Some(_),
                 ..
             }) => None,
@@ -289,7 +285,9 @@ impl SerialLink {
             (What::Command(command), Header::RESULT) if code == Some(0) && !text::expects_data(command) => {
                 Ok(LinkEvent::Answered(Reply::Done))
             }
-            (What::Put { .. }, Header::RESULT) if code == Some(0) => Ok(LinkEvent::Answered(Reply::Done)),
+            (What::Load { .. } | What::Delete, Header::RESULT) if code == Some(0) => {
+                Ok(LinkEvent::Answered(Reply::Done))
+            }
             (What::Command(command), Header::DATA) if text::expects_data(command) => {
                 if *command == Command::Position {
                     self.form = text::form(line).or(self.form);
@@ -298,7 +296,8 @@ impl SerialLink {
                     text::reply(command, line).map_err(|error| format!("answer to {}: {error}", command.name()));
                 reply.map(LinkEvent::Answered)
             }
-            (What::Get, Header::JOB) => received(&text),
+            (What::List, Header::DATA) => Ok(LinkEvent::Listed { names: listed(line) }),
+            (What::Save(name), Header::JOB) => saved(name, &text),
             (_, Header(header)) => Err(format!(
                 "an answer {} {:?} that does not fit what was said",
                 String::from_utf8_lossy(&header),
@@ -325,19 +324,37 @@ impl SerialLink {
     }
 }
 
+/// The job that the file holds.
+fn job(name: &FileName) -> Result<&str, Unsupported> {
+    let not_a_job = || Unsupported::Value {
+        field: "a file that is no job",
+        value: name.to_string(),
+    };
+    name.as_str().strip_suffix(".JBI").ok_or_else(not_a_job)
+}
+
 /// The first block of a file: its name and CR.
-fn file_line(job: &JobName) -> String {
-    format!("{job}.JBI\r")
+fn file_line(name: &FileName) -> String {
+    format!("{name}\r")
 }
 
 /// Name, CR, text.
-fn received(transmission: &[u8]) -> Result<LinkEvent, String> {
-    let end = transmission.iter().position(|&byte| byte == b'\r');
-    let end = end.ok_or("a file without the line of its name")?;
-    Ok(LinkEvent::Received {
-        name: String::from_utf8_lossy(&transmission[..end]).trim().to_owned(),
-        text: transmission[end + 1..].to_vec(),
-    })
+fn saved(name: &FileName, transmission: &[u8]) -> Result<LinkEvent, String> {
+    match transmission.strip_prefix(file_line(name).as_bytes()) {
+        Some(content) => Ok(LinkEvent::Saved {
+            name: name.clone(),
+            content: content.to_vec(),
+        }),
+        None => Err(format!("another file than {name}")),
+    }
+}
+
+/// Names of jobs, with the ending that they have as files.
+fn listed(line: &str) -> Vec<String> {
+    let names = line.split(',').map(str::trim).filter(|name| !name.is_empty());
+    names
+        .map(|name| format!("{}.JBI", name.trim_end_matches(".JBI")))
+        .collect()
 }
 
 /// Of a text that is refused, this much is told.

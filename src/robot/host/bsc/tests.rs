@@ -4,6 +4,7 @@ mod bad_line;
 mod table;
 
 use super::*;
+use crate::robot::FileContent;
 use crate::vectors::bsc;
 
 const SETTINGS: SerialSettings = SerialSettings {
@@ -346,25 +347,36 @@ fn giving_up_frees_the_line_for_a_hold() {
     assert_eq!(drops(&events(&mut link)), 1);
 }
 
-fn job(name: &str) -> JobName {
-    JobName::parse(name).unwrap()
+fn file(name: &str) -> FileName {
+    FileName::parse(name).unwrap()
+}
+
+fn load(text: &[u8]) -> FileCommand {
+    FileCommand::Load {
+        name: file("SCAN1.JBI"),
+        content: FileContent::new(text.to_vec()).unwrap(),
+    }
+}
+
+/// Says `command` up to its end and gives its blocks.
+fn transferred(link: &mut SerialLink, command: &FileCommand) -> Vec<Vec<u8>> {
+    link.transfer(at(0), command).unwrap();
+    assert_eq!(sent(link), [ENQ]);
+    let mut blocks = hear(link, 1, ACK0);
+    for ack in [ACK1, ACK0].into_iter().cycle() {
+        match hear(link, 2, ack).pop() {
+            Some(bytes) if bytes == EOT => return blocks,
+            block => blocks.push(block.unwrap()),
+        }
+    }
+    unreachable!("the acknowledgements do not end")
 }
 
 #[test]
 fn a_job_of_500_bytes_goes_over_in_blocks_and_comes_back() {
     let text: Vec<u8> = (0..500u32).map(|index| b'A' + (index % 26) as u8).collect();
     let mut link = SerialLink::new(SETTINGS);
-    let put = FileRequest::Put {
-        job: job("SCAN1"),
-        text: text.clone(),
-    };
-    link.transfer(at(0), &put).unwrap();
-    let mut blocks = Vec::new();
-    sent(&mut link);
-    for (ms, ack) in [ACK0, ACK1, ACK0, ACK1].into_iter().enumerate() {
-        blocks.extend(hear(&mut link, ms as u64, ack));
-    }
-    assert_eq!(blocks.pop(), Some(EOT.to_vec()));
+    let blocks = transferred(&mut link, &load(&text));
     assert_eq!(blocks[0], bsc("job_put_first"));
     assert_eq!(blocks.iter().map(Vec::len).collect::<Vec<_>>(), [21, 260, 248]);
     let progress = |done_bytes, total_bytes| LinkEvent::Progress {
@@ -376,28 +388,45 @@ fn a_job_of_500_bytes_goes_over_in_blocks_and_comes_back() {
     controller_says(&mut link, 10, &[bsc("ans_ok")]);
     assert_eq!(events(&mut link), [done()]);
 
-    link.transfer(at(20), &FileRequest::Get { job: job("SCAN1") }).unwrap();
-    sent(&mut link);
-    assert_eq!(hear(&mut link, 21, ACK0), [bsc("job_get")]);
-    hear(&mut link, 22, ACK1);
+    let asked = transferred(&mut link, &FileCommand::Save(file("SCAN1.JBI")));
+    assert_eq!(asked, [bsc("job_get")]);
     controller_says(&mut link, 30, &blocks);
-    let received = LinkEvent::Received {
-        name: "SCAN1.JBI".into(),
-        text,
+    let saved = LinkEvent::Saved {
+        name: file("SCAN1.JBI"),
+        content: text,
     };
     let told = events(&mut link);
     assert_eq!(told[..3], [10, 266, 510].map(|done| progress(done, None)));
-    assert_eq!(told[3..], [received]);
+    assert_eq!(told[3..], [saved]);
+}
+
+#[test]
+fn a_file_that_was_not_asked_for_is_not_taken() {
+    let mut link = SerialLink::new(SETTINGS);
+    transferred(&mut link, &FileCommand::Save(file("SCAN2.JBI")));
+    controller_says(&mut link, 30, &[bsc("job_put_first"), bsc("job_put_last")]);
+    let told = events(&mut link);
+    assert_eq!((drops(&told), told.last()), (1, Some(&LinkEvent::Unanswered)));
+}
+
+#[test]
+fn jobs_are_listed_and_deleted_by_commands() {
+    let mut link = SerialLink::new(SETTINGS);
+    let asked = transferred(&mut link, &FileCommand::List(FileEnding::Jbi));
+    assert_eq!(asked, [bsc("cmd_job_names")]);
+    controller_says(&mut link, 10, &[bsc("ans_job_names")]);
+    let names = vec!["SCAN1.JBI".to_owned(), "SIMULATED.JBI".to_owned()];
+    assert_eq!(events(&mut link), [LinkEvent::Listed { names }]);
+    let asked = transferred(&mut link, &FileCommand::Delete(file("SCAN1.JBI")));
+    assert_eq!(asked, [bsc("cmd_job_delete")]);
+    controller_says(&mut link, 20, &[bsc("ans_ok")]);
+    assert_eq!(events(&mut link), [done()]);
 }
 
 #[test]
 fn a_half_sent_job_counts_for_nothing_and_is_not_sent_again() {
     let mut link = SerialLink::new(SETTINGS);
-    let put = FileRequest::Put {
-        job: job("SCAN1"),
-        text: b"NOP\r\nEND\r\n".to_vec(),
-    };
-    link.transfer(at(0), &put).unwrap();
+    link.transfer(at(0), &load(b"NOP\r\nEND\r\n")).unwrap();
     sent(&mut link);
     hear(&mut link, 1, ACK0);
     link.handle_wake(at(301));
@@ -406,14 +435,29 @@ fn a_half_sent_job_counts_for_nothing_and_is_not_sent_again() {
 }
 
 #[test]
-fn a_text_with_control_characters_is_not_sent() {
+fn giving_up_a_file_that_comes_ends_it_at_the_next_block() {
     let mut link = SerialLink::new(SETTINGS);
-    for text in [&b""[..], b"NOP\x03END", b"\x10"] {
-        let put = FileRequest::Put {
-            job: job("SCAN1"),
-            text: text.to_vec(),
-        };
-        assert!(matches!(link.transfer(at(0), &put), Err(Unsupported::Text(_))));
-        assert!(link.is_idle() && link.poll_output().is_none());
+    transferred(&mut link, &FileCommand::Save(file("SCAN1.JBI")));
+    hear(&mut link, 10, ENQ);
+    link.give_up(at(11));
+    assert!(!link.is_idle());
+    assert_eq!(hear(&mut link, 12, &bsc("job_put_first")), [EOT]);
+    assert!(link.is_idle());
+    assert_eq!(drops(&events(&mut link)), 1);
+}
+
+#[test]
+fn only_jobs_without_control_characters_go_over_the_line() {
+    let mut link = SerialLink::new(SETTINGS);
+    for text in [&b"NOP\x03END"[..], b"\x10"] {
+        assert!(matches!(link.transfer(at(0), &load(text)), Err(Unsupported::Text(_))));
     }
+    for command in [
+        FileCommand::List(FileEnding::Dat),
+        FileCommand::Save(file("TOOL.CND")),
+        FileCommand::Delete(file("VAR.DAT")),
+    ] {
+        assert!(link.transfer(at(0), &command).is_err(), "{command:?}");
+    }
+    assert!(link.is_idle() && link.poll_output().is_none());
 }
