@@ -12,9 +12,11 @@ use hw_sim::robot::hses::Port;
 use hw_sim::robot::pose::Pose;
 use serde_json::Value;
 
+use crate::bsc;
+
 #[derive(Args)]
 pub(crate) struct GoldenArguments {
-    /// JSON list of objects with `name` and `hex`.
+    /// JSON list of objects with `name` and `hex`, or a recorded exchange of them with `dir` and `hex`.
     file: PathBuf,
 }
 
@@ -28,6 +30,9 @@ pub(crate) fn run(arguments: &GoldenArguments) -> Result<(), Box<dyn Error>> {
     let mut out = std::io::stdout().lock();
     let vectors: Vec<Value> = serde_json::from_slice(&std::fs::read(&arguments.file)?)?;
     let (mut checked, mut wrong) = (0, 0);
+    if vectors.iter().any(|vector| vector["dir"].is_string()) {
+        return check_capture(&vectors, &mut out);
+    }
     for vector in &vectors {
         let name = vector["name"].as_str().ok_or("a vector without a name")?;
         let bytes = bytes(vector["hex"].as_str().ok_or("a vector without hex")?)?;
@@ -54,6 +59,20 @@ pub(crate) fn run(arguments: &GoldenArguments) -> Result<(), Box<dyn Error>> {
     )?;
     if wrong > 0 {
         return Err("a golden vector is not met".into());
+    }
+    Ok(())
+}
+
+/// A recorded exchange on the serial line.
+fn check_capture(capture: &[Value], out: &mut impl Write) -> Result<(), Box<dyn Error>> {
+    let verdicts = bsc::check(capture)?;
+    for (what, is_right) in &verdicts {
+        writeln!(out, "{:5} {what}", if *is_right { "ok" } else { "WRONG" })?;
+    }
+    let wrong = verdicts.iter().filter(|(_, is_right)| !is_right).count();
+    writeln!(out, "{} checks, {wrong} wrong", verdicts.len())?;
+    if wrong > 0 {
+        return Err("the recorded exchange is not met".into());
     }
     Ok(())
 }
@@ -139,7 +158,7 @@ fn understood(name: &str, bytes: &[u8]) -> Option<bool> {
     })
 }
 
-fn bytes(digits: &str) -> Result<Vec<u8>, Box<dyn Error>> {
+pub(crate) fn bytes(digits: &str) -> Result<Vec<u8>, Box<dyn Error>> {
     let bytes = (0..digits.len() / 2)
         .map(|at| u8::from_str_radix(&digits[2 * at..2 * at + 2], 16))
         .collect::<Result<Vec<u8>, _>>()?;
