@@ -5,6 +5,7 @@ mod bound;
 mod bsc;
 mod cases;
 mod doubt;
+mod frames;
 mod generate;
 mod golden;
 mod kabsch;
@@ -39,6 +40,8 @@ enum Command {
     Mpe(mpe::MpeArguments),
     /// Checks client and simulated controller against golden HSES frames, or the simulated serial link against a recorded exchange.
     Golden(golden::GoldenArguments),
+    /// Sends frames of other HSES clients to the simulated controller.
+    Frames(frames::FramesArguments),
     /// Prints one table of the registration's speed: kernels, full-sample MPE, one view by stage.
     Bench(bench::BenchArguments),
     /// Registers two clouds of ten million points: time by stage and memory.
@@ -56,6 +59,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Command::Doubt(arguments) => doubt::run(&arguments),
         Command::Mpe(arguments) => mpe::run(&arguments),
         Command::Golden(arguments) => golden::run(&arguments),
+        Command::Frames(arguments) => frames::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
         Command::Large(arguments) => large::run(&arguments),
         Command::Speed => speed::run(),

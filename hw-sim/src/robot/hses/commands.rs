@@ -289,3 +289,7 @@ const INSTANCE_EXECUTION: u16 = 1;
 const INSTANCE_MASTER: u16 = 10;
 const SWITCH_ON: i32 = 1;
 const LINE_MAX: u32 = 9999;
+
+#[cfg(test)]
+#[path = "commands_tests.rs"]
+mod tests;

@@ -299,3 +299,36 @@ fn an_alarm_stops_a_job_and_after_reset_and_servo_it_goes_on() {
     robot.start(2 * SECOND_NS, None).unwrap();
     assert_eq!(d(&mut robot, 10 * SECOND_NS, 1), 1);
 }
+
+/// Takes the next order once D010 is another number than D011: a straight move to P[D020] at D014 x 0.1 mm/s.
+const ORDERS: &str = "*WAIT\nTIMER T=0.02\nJUMP *WAIT IF D010=D011\nJUMP *OVER IF D010=0\nSET D013 2\n\
+     MOVL P[D020] V=D014 PL=0\nSET D011 D010\nSET D013 1\nJUMP *WAIT\n*OVER\nSET D013 0\n";
+
+#[test]
+fn a_job_takes_its_orders_from_variables() {
+    let mut robot = ready(ORDERS);
+    robot.start(0, Some("T1")).unwrap();
+    let mut now_ns = SECOND_NS;
+    for (number, x_um) in [(1, 850_000), (2, 700_000), (3, 750_000)] {
+        let position = Position {
+            kind: 17,
+            form: 4,
+            tool: 1,
+            axes: [x_um, 0, 900_000, 0, 0, 0, 0, 0],
+            ..Position::default()
+        };
+        robot.set_variable(now_ns, 30, Value::P(position)).unwrap();
+        for (index, value) in [(20, 30), (14, 1000), (10, number)] {
+            robot.set_variable(now_ns, index, Value::D(value)).unwrap();
+        }
+        assert_ne!(d(&mut robot, now_ns, 11), number);
+        assert_eq!(d(&mut robot, now_ns + 100_000_000, 13), 2);
+        now_ns += 10 * SECOND_NS;
+        assert_eq!((d(&mut robot, now_ns, 11), d(&mut robot, now_ns, 13)), (number, 1));
+        assert_eq!(robot.pose(now_ns).position_um[0], x_um);
+        assert!(is_running(&mut robot, now_ns));
+    }
+    robot.set_variable(now_ns, 10, Value::D(0)).unwrap();
+    assert_eq!(d(&mut robot, now_ns + SECOND_NS, 13), 0);
+    assert!(!is_running(&mut robot, now_ns + SECOND_NS));
+}
