@@ -2,8 +2,8 @@
 
 use bladescan::robot::hses::{FileEvent, FileSettings, Files};
 use bladescan::robot::{
-    AlarmClass, Command, Cycle, Exchange, ExchangeSettings, FileCommand, FileContent, FileEnding, FileName, Form,
-    Frame, JobName, PositionVariable, Reply, RobotEvent, Values, Variable, VariableKind, WirePose,
+    self, AlarmClass, Command, Cycle, Exchange, ExchangeSettings, FileCommand, FileContent, FileEnding, FileName, Form,
+    Frame, JobName, PositionVariable, Protocol, Reply, RobotEvent, Values, Variable, VariableKind, WirePose,
 };
 use bladescan::stamp::Stamp;
 use hw_sim::robot::controller::{Controller, RobotOutput, Settings};
@@ -25,6 +25,7 @@ impl Cell {
             ..Settings::default()
         });
         let exchange = Exchange::new(ExchangeSettings {
+            protocol: Protocol::Hses,
             answer_timeout_ms: 300,
             ask_attempts: 3,
             set_repeat_ms: 100,
@@ -56,9 +57,9 @@ impl Cell {
 
     fn say(&mut self, command: Command) -> RobotEvent {
         self.exchange.say(Stamp::START, command);
-        while let Some(datagram) = self.exchange.poll_transmit() {
-            for answer in self.answers(Port::Robot, &datagram.bytes) {
-                self.exchange.handle_datagram(Stamp::START, &answer);
+        while let Some(robot::RobotOutput::Bytes { bytes, .. }) = self.exchange.poll_output() {
+            for answer in self.answers(Port::Robot, &bytes) {
+                self.exchange.handle_bytes(Stamp::START, &answer);
             }
         }
         self.exchange.poll_event().expect("an answer, since nothing is lost")
@@ -73,8 +74,8 @@ impl Cell {
 
     fn transfer(&mut self, command: FileCommand) -> FileEvent {
         self.files.begin(Stamp::START, command).unwrap();
-        while let Some(datagram) = self.files.poll_transmit() {
-            for answer in self.answers(Port::File, &datagram.bytes) {
+        while let Some(robot::RobotOutput::Bytes { bytes, .. }) = self.files.poll_output() {
+            for answer in self.answers(Port::File, &bytes) {
                 self.files.handle_datagram(Stamp::START, &answer);
             }
         }

@@ -18,7 +18,8 @@ use serde_json::Value;
 
 #[derive(Args)]
 pub(crate) struct GoldenArguments {
-    /// JSON list of objects with `name` and `hex`, or with `op` and the datagrams of one or two clients.
+    /// JSON list of objects with `name` and `hex`, with `op` and the datagrams of one or two clients, or with `dir` and
+    /// `hex`: a recorded exchange on the serial line.
     files: Vec<PathBuf>,
 }
 
@@ -38,7 +39,12 @@ pub(crate) fn run(arguments: &GoldenArguments) -> Result<(), Box<dyn Error>> {
     for file in &arguments.files {
         let vectors: Vec<Value> = serde_json::from_slice(&std::fs::read(file)?)?;
         let mut tally = Tally::default();
-        for vector in &vectors {
+        if vectors.iter().any(|vector| vector["dir"].is_string()) {
+            for (what, right) in crate::bsc::check(&vectors)? {
+                writeln!(out, "{}", tally.check(right, "serial", &what))?;
+            }
+        }
+        for vector in vectors.iter().filter(|vector| !vector["dir"].is_string()) {
             let lines = match vector["name"].as_str() {
                 Some(name) => frame(name, &bytes(&vector["hex"])?, &mut tally),
                 None => operation(vector, &mut tally)?,
@@ -213,7 +219,7 @@ fn is_about_form(added_status: u16) -> bool {
     matches!(added_status, 0 | 0x1010..=0x1013 | 0xA001..=0xA101 | 0xB003 | 0xE49D..=0xE4A9)
 }
 
-fn bytes(digits: &Value) -> Result<Vec<u8>, Box<dyn Error>> {
+pub(crate) fn bytes(digits: &Value) -> Result<Vec<u8>, Box<dyn Error>> {
     let digits = digits.as_str().ok_or("a vector without hex")?;
     let bytes = (0..digits.len() / 2)
         .map(|at| u8::from_str_radix(&digits[2 * at..2 * at + 2], 16))

@@ -2,6 +2,7 @@
 
 mod bench;
 mod bound;
+mod bsc;
 mod cases;
 mod doubt;
 mod frames;
@@ -38,7 +39,7 @@ enum Command {
     Doubt(doubt::DoubtArguments),
     /// Compares MPE's formulations, stride rules and softening schedules on samples of the blades under a root.
     Mpe(mpe::MpeArguments),
-    /// Checks client and simulated controller against golden HSES frames.
+    /// Checks client and simulated controller against golden HSES frames, or the simulated serial link against a recorded exchange.
     Golden(golden::GoldenArguments),
     /// Feeds random and mutated inputs to every decoder.
     Fuzz(fuzz::FuzzArguments),

@@ -4,9 +4,9 @@ use super::conversation::sleep_until;
 use super::live::RobotPlace;
 use super::wires::{self, Place};
 use crate::controller::Input;
-use crate::robot::host::{FileRequest, LinkEvent, LinkOutput, SerialLink, SerialSettings};
+use crate::robot::host::{LinkEvent, LinkOutput, SerialLink, SerialSettings};
 use crate::robot::hses::{FileEvent, FileSettings, Files};
-use crate::robot::{FileCommand, FileContent, FileName, JobName, Refusal, RobotOutput};
+use crate::robot::{FileCommand, Refusal, RobotOutput};
 use crate::stamp::Stamp;
 use std::net::SocketAddr;
 use std::time::Duration;
@@ -35,12 +35,9 @@ pub enum TransferError {
     /// The controller's file is larger than any that is taken.
     #[error("{0}: the file is too large to be a job")]
     TooLarge(&'static str),
-    /// The name is not that of a job.
-    #[error("over a serial line only jobs go: {0}")]
-    NoJob(FileName),
-    /// Host control over TCP knows no files.
-    #[error("host control over TCP has no words for {0}: use HSES or the serial line")]
-    Unsayable(&'static str),
+    /// What is spoken has no words for it.
+    #[error("{0}")]
+    Unsayable(String),
 }
 
 /// What came of a file command.
@@ -54,7 +51,7 @@ pub enum Transferred {
     Done,
 }
 
-/// Asks for one thing about files. `file_port` is HSES' port for files; only it knows lists and deletion here.
+/// Asks for one thing about files. `file_port` is HSES' port for files.
 ///
 /// # Errors
 ///
@@ -79,7 +76,10 @@ pub async fn transfer(
             };
             over_serial(place, command).await
         }
-        RobotPlace::HostControl(_) => Err(TransferError::Unsayable(command.name())),
+        RobotPlace::HostControl(_) => Err(TransferError::Unsayable(format!(
+            "host control over TCP has no words for {}: use HSES or the serial line",
+            command.name()
+        ))),
     }
 }
 
@@ -137,20 +137,12 @@ fn result_of(event: FileEvent) -> Option<Result<Transferred, TransferError>> {
 
 async fn over_serial(place: Place, command: FileCommand) -> Result<Transferred, TransferError> {
     let what = command.name();
-    let request = match command {
-        FileCommand::Save(name) => FileRequest::Get { job: job_of(name)? },
-        FileCommand::Load { name, content } => FileRequest::Put {
-            job: job_of(name)?,
-            text: FileContent::as_bytes(&content).to_vec(),
-        },
-        FileCommand::List(_) | FileCommand::Delete(_) => return Err(TransferError::Unsayable(what)),
-    };
     let (news_sender, mut news) = mpsc::channel(NEWS_MAX);
     let outgoing = wires::open(place, wires::ROBOT, news_sender);
     let began = Instant::now();
     let mut link = SerialLink::new(SerialSettings::default());
-    link.transfer(Stamp::START, &request)
-        .map_err(|error| TransferError::Wire(error.to_string()))?;
+    link.transfer(Stamp::START, &command)
+        .map_err(|error| TransferError::Unsayable(format!("the serial line: {error}")))?;
     loop {
         while let Some(output) = link.poll_output() {
             if let LinkOutput::Bytes { bytes, .. } = output {
@@ -160,7 +152,8 @@ async fn over_serial(place: Place, command: FileCommand) -> Result<Transferred, 
         while let Some(event) = link.poll_event() {
             match event {
                 LinkEvent::Answered(_) => return Ok(Transferred::Done),
-                LinkEvent::Received { text, .. } => return Ok(Transferred::Content(text)),
+                LinkEvent::Saved { content, .. } => return Ok(Transferred::Content(content)),
+                LinkEvent::Listed { names } => return Ok(Transferred::Names(names)),
                 LinkEvent::Refused(refusal) => return Err(refused(what, refusal)),
                 LinkEvent::Unanswered => return Err(TransferError::Unanswered(what)),
                 LinkEvent::Progress { .. } | LinkEvent::Dropped { .. } | LinkEvent::Lost { .. } => {}
@@ -177,13 +170,6 @@ async fn over_serial(place: Place, command: FileCommand) -> Result<Transferred, 
             () = sleep_until(wake) => link.handle_wake(stamp(began)),
         }
     }
-}
-
-fn job_of(name: FileName) -> Result<JobName, TransferError> {
-    name.as_str()
-        .strip_suffix(".JBI")
-        .and_then(|stem| JobName::parse(stem).ok())
-        .ok_or(TransferError::NoJob(name))
 }
 
 fn refused(what: &'static str, refusal: Refusal) -> TransferError {

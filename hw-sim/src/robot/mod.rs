@@ -13,6 +13,7 @@ pub mod io;
 pub mod job;
 pub mod motion;
 pub mod moves;
+pub mod panel;
 pub mod ports;
 pub mod pose;
 pub mod refused;

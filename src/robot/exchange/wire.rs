@@ -231,7 +231,7 @@ impl Wire {
                     continue;
                 }
                 // Files are not part of this conversation.
-                LinkEvent::Received { .. } | LinkEvent::Progress { .. } => continue,
+                LinkEvent::Saved { .. } | LinkEvent::Listed { .. } | LinkEvent::Progress { .. } => continue,
             };
             if let Some(Serving { slot, .. }) = serving.take() {
                 self.heard.push_back(Heard::Of(slot, outcome));
