@@ -61,7 +61,7 @@ fn operations(vectors: &[Json]) -> Result<Vec<Operation>, Box<dyn Error>> {
         }
         let name = vector["op"].as_str().ok_or("a vector with neither name nor op")?;
         for client in ["fs100", "yrcom"] {
-            let Some(frames) = vector[client].as_array() else {
+            let Some(frames) = vector[client].as_array().filter(|frames| !frames.is_empty()) else {
                 continue;
             };
             let frames = frames.iter().map(|hex| bytes(hex.as_str().unwrap_or_default()));

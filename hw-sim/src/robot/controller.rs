@@ -10,16 +10,17 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::fault::Fault;
-use crate::robot::alarms::{Alarm, AlarmBook, CODE_ESTOP};
+use crate::robot::alarms::{Alarm, AlarmBook};
 use crate::robot::files::{Files, SIMULATED, SIMULATED_TEXT};
 use crate::robot::hses::{FileLink, Port, Request, is_read};
 use crate::robot::io::Signals;
 use crate::robot::job::run::Playback;
 use crate::robot::motion::Motion;
+pub use crate::robot::panel::Panel;
 use crate::robot::pose::Pose;
 use crate::robot::refused::Refused;
 pub use crate::robot::settings::{Options, Settings};
-use crate::robot::switches::{Cycle, Mode};
+use crate::robot::switches::Cycle;
 use crate::robot::variables::Variables;
 
 /// The simulated robot controller. It starts in play mode with command remote, servo off, standing at home.
@@ -64,47 +65,6 @@ pub enum RobotOutput {
     },
     /// A datagram that no client should have sent.
     Violation(String),
-}
-
-/// What a person at the cell does.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Panel {
-    /// Turns the mode to play, or to teach.
-    Play(bool),
-    /// Turns the key to remote, or away from it.
-    Remote(bool),
-    /// Switches the pseudo input CMD REMOTE SEL (#82015): on at first. Without it the key at remote is not enough.
-    CommandRemoteSelect(bool),
-    /// Presses or releases the hold of the pendant.
-    Hold(bool),
-    /// Presses or releases the hold of the operator's panel.
-    PanelHold(bool),
-    /// Switches the external hold signal.
-    ExternalHold(bool),
-    /// Presses or releases the emergency stop.
-    EmergencyStop(bool),
-    /// Opens or closes the cell's door. While it is open there is no servo power.
-    Door(bool),
-    /// Switches the speed restriction.
-    SpeedRestriction(bool),
-    /// Something raises an alarm of this code.
-    Alarm(u32),
-    /// Something raises an error, to be cancelled.
-    Error,
-    /// Resets alarms at the pendant: the same ones as from afar.
-    Reset,
-    /// Switches servo power at the pendant, in any mode and without command remote.
-    Servo(bool),
-    /// Switches the controller off, or on again. Off, it answers nothing; on again, servo power is off, nothing runs, no alarm is
-    /// active and all memory is as it was.
-    Power(bool),
-    /// A wire at an input: the signal by its number, whose last digit is 0 to 7. Numbers that do not exist change nothing.
-    Signal {
-        /// For example 20010.
-        signal: u32,
-        /// State of the wire.
-        is_on: bool,
-    },
 }
 
 /// What is switched on.
@@ -254,49 +214,6 @@ impl Controller {
         }
     }
 
-    /// Takes what a person does at the cell.
-    pub fn handle_panel(&mut self, now_ns: u64, panel: Panel) {
-        self.advance(now_ns);
-        match panel {
-            Panel::Play(is_playing) => self.turn_mode(now_ns, if is_playing { Mode::Play } else { Mode::Teach }),
-            Panel::Remote(is_remote) => self.switches.is_remote_key = is_remote,
-            Panel::CommandRemoteSelect(is_on) => self.switches.is_remote_selected = is_on,
-            Panel::Hold(is_held) => self.holds.pendant = is_held,
-            Panel::PanelHold(is_held) => self.holds.panel = is_held,
-            Panel::ExternalHold(is_held) => self.holds.external = is_held,
-            Panel::EmergencyStop(true) => self.press_estop(now_ns),
-            Panel::EmergencyStop(false) => self.switches.is_estop_pressed = false,
-            Panel::Door(is_open) => {
-                self.switches.is_door_open = is_open;
-                if is_open {
-                    self.servo_off(now_ns);
-                }
-            }
-            Panel::SpeedRestriction(is_on) => self.switches.is_speed_restricted = is_on,
-            Panel::Alarm(code) => self.raise_alarm(now_ns, code, 1),
-            Panel::Error => {
-                self.has_error = true;
-                self.pause(now_ns);
-            }
-            Panel::Reset => {
-                let is_pressed = self.switches.is_estop_pressed;
-                self.alarms.reset(if is_pressed { &[CODE_ESTOP] } else { &[] });
-            }
-            Panel::Servo(true) => {
-                self.switches.is_servo_on |= !self.is_servo_barred() && !self.alarms.is_any();
-                self.last_active_ns = now_ns;
-            }
-            Panel::Servo(false) => self.servo_off(now_ns),
-            Panel::Power(is_on) => self.switch_power(now_ns, is_on),
-            Panel::Signal { signal, is_on } => {
-                self.signals.set_signal(signal, is_on).ok();
-            }
-        }
-        if self.holds.pendant || self.holds.panel || self.holds.external {
-            self.pause(now_ns);
-        }
-    }
-
     /// Next thing to do.
     pub fn poll_output(&mut self) -> Option<RobotOutput> {
         self.outputs.pop_front()
@@ -442,32 +359,11 @@ impl Controller {
         self.servo_off(now_ns);
     }
 
-    fn press_estop(&mut self, now_ns: u64) {
-        self.switches.is_estop_pressed = true;
-        self.servo_off(now_ns);
-        if self.settings.options.estop_latches_alarm {
-            self.raise_alarm(now_ns, CODE_ESTOP, 0);
-        }
-    }
-
     /// The brakes fall at once: no ramp.
     pub(super) fn servo_off(&mut self, now_ns: u64) {
         self.pause(now_ns);
         self.switches.is_servo_on = false;
         self.end_motion(now_ns);
-    }
-
-    fn switch_power(&mut self, now_ns: u64, is_on: bool) {
-        self.servo_off(now_ns);
-        self.switches.is_powered = is_on;
-        self.incidents.clear();
-        self.forget_transfer();
-        self.holds.command = false;
-        self.has_error = false;
-        self.alarms.clear();
-        if self.switches.is_estop_pressed && self.settings.options.estop_latches_alarm {
-            self.raise_alarm(now_ns, CODE_ESTOP, 0);
-        }
     }
 
     /// Span of the controller's time in one of the clock's.

@@ -12,6 +12,7 @@ pub mod io;
 pub mod job;
 pub mod motion;
 pub mod moves;
+pub mod panel;
 pub mod pose;
 pub mod refused;
 pub mod settings;

@@ -123,7 +123,7 @@ impl Controller {
     }
 
     pub(super) fn is_servo_barred(&self) -> bool {
-        self.switches.is_estop_pressed || self.switches.is_door_open
+        self.switches.is_estop_pressed || self.switches.is_door_open || !self.switches.is_powered
     }
 
     pub(super) fn check_remote(&self) -> Answer<()> {

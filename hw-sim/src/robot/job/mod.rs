@@ -6,6 +6,7 @@
 
 mod calculate;
 pub mod instruction;
+mod line;
 pub mod parse;
 pub mod run;
 mod words;

@@ -1,4 +1,5 @@
 use super::*;
+use crate::robot::job::instruction::Instruction;
 
 /// A job around these lines.
 fn text(body: &str) -> String {
