@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::normal_matrix::NormalMatrix;
 use super::prior::weighed;
 use super::reference::Reference;
-use super::twist::{motion_between, moved};
+use super::twist::{motion_between, moved, scaled, unscaled};
 use super::{Determination, WeakDirections};
 use crate::geometry::normals::agreement;
 use crate::geometry::sampling::random_indices;
@@ -156,7 +156,7 @@ impl Problem<'_> {
             }
             (sums, counted) = self.equations(sample, &pairs, &pose)?;
             let step = sums.step(held)?;
-            pose = moved(&pose, &(pose * self.centroid), &self.unscaled(&step));
+            pose = self.stepped(&pose, &step);
             let length = step.norm();
             drift += length;
             // Noisy or thin clouds stay apart by more than the reach of a dense one: never cut into their distances.
@@ -190,23 +190,21 @@ impl Problem<'_> {
         pose: &Isometry3<f64>,
         held: &[Vector6<f64>],
     ) -> Isometry3<f64> {
-        let mut motion = motion_between(start, pose, &self.centroid);
-        for axis in 0..3 {
-            motion[axis] *= self.radius;
-        }
+        let mut step = self.step_between(start, pose);
         for direction in held {
-            motion -= direction * direction.dot(&motion);
+            step -= direction * direction.dot(&step);
         }
-        moved(start, &(start * self.centroid), &self.unscaled(&motion))
+        self.stepped(start, &step)
     }
 
-    /// A motion with its turns in radians instead of lengths at the radius of gyration.
-    pub(super) fn unscaled(&self, step: &Vector6<f64>) -> Vector6<f64> {
-        let mut motion = *step;
-        for axis in 0..3 {
-            motion[axis] /= self.radius;
-        }
-        motion
+    /// The pose after a step `[L·rx L·ry L·rz tx ty tz]` about the centroid, with L the radius of gyration.
+    pub(super) fn stepped(&self, pose: &Isometry3<f64>, step: &Vector6<f64>) -> Isometry3<f64> {
+        moved(pose, &(pose * self.centroid), &unscaled(step, self.radius))
+    }
+
+    /// The step from one pose to another; the inverse of [`Self::stepped`].
+    pub(super) fn step_between(&self, from: &Isometry3<f64>, to: &Isometry3<f64>) -> Vector6<f64> {
+        scaled(&motion_between(from, to, &self.centroid), self.radius)
     }
 
     fn pairs(&self, sample: &Sample, pose: &Isometry3<f64>, reach: f64) -> Vec<Pair> {

@@ -5,6 +5,7 @@
 
 use nalgebra::{Matrix6, Vector3, Vector6};
 
+use super::twist::unscaled;
 use super::{Determination, WeakDirection};
 
 /// Sums over weighted point pairs.
@@ -98,10 +99,7 @@ impl NormalMatrix {
             let value = eigen.eigenvalues[index];
             let scaled: Vector6<f64> = eigen.eigenvectors.column(index).into_owned();
             let squared_sigma = variance / (dof_count * value.max(INFORMATION_FLOOR));
-            let mut direction = scaled;
-            for axis in 0..3 {
-                direction[axis] /= gyration;
-            }
+            let direction = unscaled(&scaled, gyration);
             if value < limit {
                 out.weak.push((
                     scaled,

@@ -13,7 +13,6 @@ use rayon::prelude::*;
 
 use super::icp::{Problem, Refined};
 use super::normal_matrix::NormalMatrix;
-use super::twist::{motion_between, moved};
 use crate::geometry::PointCloud;
 use crate::geometry::nearest::NearestPoints;
 use crate::geometry::normals::{agreement, neighbourhood_radius};
@@ -58,13 +57,10 @@ pub(super) fn refined(
     for _ in 0..ITERATION_COUNT {
         sums = equations(problem, &moving, &fixed, &pairs, &pose)?;
         let step = sums.step(held)?;
-        pose = moved(&pose, &(pose * problem.centroid), &problem.unscaled(&step));
+        pose = problem.stepped(&pose, &step);
     }
-    let mut motion = motion_between(&fine.pose, &pose, &problem.centroid);
-    for axis in 0..3 {
-        motion[axis] *= problem.radius;
-    }
-    (motion.norm() <= REACH_RADII * radius).then(|| Refined {
+    let step = problem.step_between(&fine.pose, &pose);
+    (step.norm() <= REACH_RADII * radius).then(|| Refined {
         pose,
         iterations: fine.iterations + ITERATION_COUNT,
         // Every measured distance counts twice, once each way.

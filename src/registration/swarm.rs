@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use super::coarse::distinct;
 use super::icp::Sample;
 use super::reference::Reference;
-use super::twist::moved;
+use super::twist::{moved, unscaled};
 use crate::geometry::nearest::NearestPoints;
 use crate::geometry::normals::agreement;
 use crate::geometry::sampling::even_indices;
@@ -111,10 +111,7 @@ impl Swarm {
             if length > STEP_MAX_FACTOR * radius {
                 step *= STEP_MAX_FACTOR * radius / length;
             }
-            for axis in 0..3 {
-                step[axis] /= radius;
-            }
-            pose = moved(&pose, &centre, &step);
+            pose = moved(&pose, &centre, &unscaled(&step, radius));
             reach *= REACH_SHRINK;
         }
         pose
