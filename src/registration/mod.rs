@@ -34,6 +34,7 @@ mod swarm;
 pub(crate) mod testing;
 #[cfg(test)]
 mod tests;
+mod tukey;
 mod twist;
 mod uncertainty;
 

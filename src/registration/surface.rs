@@ -13,11 +13,11 @@ use rayon::prelude::*;
 
 use super::icp::{Problem, Refined};
 use super::normal_matrix::NormalMatrix;
+use super::tukey::Tukey;
 use crate::geometry::PointCloud;
 use crate::geometry::nearest::NearestPoints;
 use crate::geometry::normals::{agreement, neighbourhood_radius};
 use crate::geometry::patches::{Patch, patches};
-use crate::geometry::statistics::median;
 
 /// The pose after trimmed ICP has come to `fine`, made more accurate; without motion along the `held` directions.
 ///
@@ -206,34 +206,23 @@ fn equations(
         .with_min_len(512)
         .filter_map(|&pair| measured(moving, fixed, pair, pose))
         .collect();
-    let median = median(found.iter().map(|m| m.residual.abs()).collect())?;
-    let cut = (TUKEY * MEDIAN_TO_SIGMA * median).max(ROUNDING * problem.radius);
+    let tukey = Tukey::of(found.iter().map(|m| m.residual.abs()).collect(), problem.radius)?;
     let centre = pose * problem.centroid;
-    let parts: Vec<NormalMatrix> = found
-        .par_chunks(CHUNK_COUNT)
-        .map(|chunk| {
-            let mut sums = NormalMatrix::zero();
-            let mut squared = 0.0;
-            for m in chunk {
-                let share = 1.0 - (m.residual / cut).powi(2);
-                if share <= 0.0 {
-                    continue;
-                }
-                let weight = share * share;
-                let arm = (m.point - centre) / problem.radius;
-                sums.add(weight, &arm, &m.normal, m.residual);
-                sums.add_cross(weight, &arm, &m.first, &m.second);
-                squared += weight * m.raw * m.raw;
-            }
-            sums.squared_residual = squared;
-            sums
-        })
-        .collect();
-    let mut total = NormalMatrix::zero();
-    for part in &parts {
-        total.merge(part);
-    }
-    (total.weight > 0.0).then_some(total)
+    NormalMatrix::summed(&found, |some| {
+        let mut sums = NormalMatrix::zero();
+        let mut squared = 0.0;
+        for m in some {
+            let Some(weight) = tukey.weight(m.residual) else {
+                continue;
+            };
+            let arm = (m.point - centre) / problem.radius;
+            sums.add(weight, &arm, &m.normal, m.residual);
+            sums.add_cross(weight, &arm, &m.first, &m.second);
+            squared += weight * m.raw * m.raw;
+        }
+        sums.squared_residual = squared;
+        sums
+    })
 }
 
 /// About how many points a patch is fitted to: fewer leave noise, more smooth edges away.
@@ -251,8 +240,3 @@ const AGREEMENT: f64 = 0.85;
 /// Fewer pairs are not worth it.
 const PAIR_MIN_COUNT: usize = 1000;
 const ITERATION_COUNT: u32 = 2;
-const CHUNK_COUNT: usize = 1024;
-const TUKEY: f64 = 4.685;
-const MEDIAN_TO_SIGMA: f64 = 1.4826;
-/// Smaller residuals over the template's radius are rounding.
-const ROUNDING: f64 = 1e-9;
