@@ -16,6 +16,7 @@ pub mod mpe;
 
 mod coarse;
 mod consistency;
+mod distinct;
 mod facing;
 mod mixture;
 mod nfi;
