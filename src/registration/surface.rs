@@ -11,14 +11,13 @@ use rayon::prelude::*;
 
 use super::icp::{Problem, Refined};
 use super::normal_matrix::NormalMatrix;
-use super::twist::{motion_between, moved};
+use super::tukey::Tukey;
 use crate::geometry::PointCloud;
 use crate::geometry::cells::cube_order;
 use crate::geometry::nearest::NearestPoints;
 use crate::geometry::normals::{agreement, neighbourhood_radius};
 use crate::geometry::patches::{Patch, patches};
 use crate::geometry::sampling::even_indices;
-use crate::geometry::statistics::median;
 
 /// The pose after trimmed ICP has come to `fine`, made more accurate; without motion along the `held` directions.
 ///
@@ -58,13 +57,10 @@ pub(super) fn refined(
     for _ in 0..ITERATION_COUNT {
         sums = equations(problem, &moving, &fixed, &pairs, &pose)?;
         let step = sums.step(held)?;
-        pose = moved(&pose, &(pose * problem.centroid), &problem.unscaled(&step));
+        pose = problem.stepped(&pose, &step);
     }
-    let mut motion = motion_between(&fine.pose, &pose, &problem.centroid);
-    for axis in 0..3 {
-        motion[axis] *= problem.radius;
-    }
-    (motion.norm() <= REACH_RADII * radius).then(|| Refined {
+    let step = problem.step_between(&fine.pose, &pose);
+    (step.norm() <= REACH_RADII * radius).then(|| Refined {
         pose,
         iterations: fine.iterations + ITERATION_COUNT,
         // Every measured distance counts twice, once each way.
@@ -244,33 +240,23 @@ fn equations(
         .map(|index| pairs[index])
         .filter_map(|pair| Some(measured(moving, fixed, pair, pose)?.residual.abs()))
         .collect();
-    let cut = (TUKEY * MEDIAN_TO_SIGMA * median(residuals)?).max(ROUNDING * problem.radius);
+    let tukey = Tukey::of(residuals, problem.radius)?;
     let centre = pose * problem.centroid;
-    let parts: Vec<NormalMatrix> = pairs
-        .par_chunks(CHUNK_COUNT)
-        .map(|chunk| {
-            let mut sums = NormalMatrix::zero();
-            let mut squared = 0.0;
-            for m in chunk.iter().filter_map(|&pair| measured(moving, fixed, pair, pose)) {
-                let share = 1.0 - (m.residual / cut).powi(2);
-                if share <= 0.0 {
-                    continue;
-                }
-                let weight = share * share;
-                let arm = (m.point - centre) / problem.radius;
-                sums.add(weight, &arm, &m.normal, m.residual);
-                sums.add_cross(weight, &arm, &m.first, &m.second);
-                squared += weight * m.raw * m.raw;
-            }
-            sums.squared_residual = squared;
-            sums
-        })
-        .collect();
-    let mut total = NormalMatrix::zero();
-    for part in &parts {
-        total.merge(part);
-    }
-    (total.weight > 0.0).then_some(total)
+    NormalMatrix::summed(pairs, |some| {
+        let mut sums = NormalMatrix::zero();
+        let mut squared = 0.0;
+        for m in some.iter().filter_map(|&pair| measured(moving, fixed, pair, pose)) {
+            let Some(weight) = tukey.weight(m.residual) else {
+                continue;
+            };
+            let arm = (m.point - centre) / problem.radius;
+            sums.add(weight, &arm, &m.normal, m.residual);
+            sums.add_cross(weight, &arm, &m.first, &m.second);
+            squared += weight * m.raw * m.raw;
+        }
+        sums.squared_residual = squared;
+        sums
+    })
 }
 
 /// About how many points a patch is fitted to: fewer leave noise, more smooth edges away.
@@ -290,10 +276,7 @@ const PAIR_MIN_COUNT: usize = 1000;
 const ITERATION_COUNT: u32 = 2;
 /// The most cubes along an axis in which points near the template are looked for.
 const BOX_MAX_COUNT: usize = 200;
+/// Points of one parallel piece.
 const CHUNK_COUNT: usize = 1024;
 /// How many pairs tell the median of the residuals.
 const MEDIAN_COUNT: usize = 10_000;
-const TUKEY: f64 = 4.685;
-const MEDIAN_TO_SIGMA: f64 = 1.4826;
-/// Smaller residuals over the template's radius are rounding.
-const ROUNDING: f64 = 1e-9;
