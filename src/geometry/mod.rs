@@ -1,6 +1,6 @@
 //! The vocabulary of space: clouds and rigid motions.
 
-mod cells;
+pub(crate) mod cells;
 mod cloud;
 mod formats;
 pub mod nearest;

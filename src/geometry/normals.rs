@@ -206,20 +206,23 @@ pub fn normals_within(points: &[Point3<f64>], tree: &NearestPoints, neighbour_co
         return estimated_normals(points, tree, neighbour_count, None);
     };
     let cells = Cells::new(points, radius);
-    let sorted: Vec<Point3<f64>> = cells.order().iter().map(|&index| points[index]).collect();
+    let sorted = cells.points();
     cells.map(|place, around| {
         let middle = sorted[place];
         let mut moments = Moments::default();
-        for near in around.places() {
-            let offset = sorted[near] - middle;
-            if offset.norm_squared() <= radius * radius {
-                moments.add(&offset);
-            }
+        for &near in around.near() {
+            moments.add(&(sorted[near] - middle));
         }
         if 2 * moments.count < neighbour_count {
             moments = Moments::default();
-            for found in tree.nearest_many(&middle, neighbour_count.max(3)) {
-                moments.add(&(points[found.index] - middle));
+            if let Some((nearest, _)) = around.nearest(neighbour_count.max(3)) {
+                for near in nearest {
+                    moments.add(&(sorted[near] - middle));
+                }
+            } else {
+                for found in tree.nearest_many(&middle, neighbour_count.max(3)) {
+                    moments.add(&(points[found.index] - middle));
+                }
             }
         }
         moments.plane_normal().unwrap_or(Vector3::z())

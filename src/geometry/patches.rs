@@ -1,6 +1,6 @@
 //! Smooth patches: the surface at each point of a cloud, free of most of its noise.
 
-use nalgebra::{Matrix6, Point3, Vector3, Vector6};
+use nalgebra::{Point3, Vector3};
 
 use super::PointCloud;
 use super::cells::Cells;
@@ -26,9 +26,9 @@ pub struct Patch {
 /// Fits a patch at each of the points `indices` of `cloud` to the points of `indices` that lie within `radius` on the
 /// same side of the same sheet, in the order of `indices`.
 ///
-/// Where these are too few, the nearest points in `tree`, which holds the cloud's points, take part instead. `cloud` needs
-/// normals (without them there are no patches at all); their sign counts if `oriented`. The work grows with the number of
-/// points within the radius.
+/// Where fewer than twelve lie within `radius`, the nearest twelve of those around take part, or of all points in `tree`,
+/// which holds the cloud's. `cloud` needs normals (without them there are no patches at all); their sign counts if
+/// `oriented`. The work grows with the number of points within the radius.
 pub fn patches(cloud: &PointCloud, tree: &NearestPoints, indices: &[usize], radius: f64, oriented: bool) -> Vec<Patch> {
     let Some(normals) = cloud.normals() else {
         return Vec::new();
@@ -46,15 +46,19 @@ pub fn patches(cloud: &PointCloud, tree: &NearestPoints, indices: &[usize], radi
     let members: Vec<Member> = cells.order().iter().map(|&place| member(indices[place])).collect();
     cells.map(|place, around| {
         let middle = &members[place];
-        let near = around.places().map(|place| &members[place]);
-        let few = || {
-            let near = tree.nearest_many(&middle.position, NEIGHBOUR_MIN_COUNT);
-            let radius = near.last()?.distance;
-            let near: Vec<Member> = near.into_iter().map(|found| member(found.index)).collect();
-            fit(middle, near.iter(), radius, oriented)
-        };
-        let fitted = fit(middle, near, radius, oriented).or_else(few);
-        fitted.unwrap_or_else(|| middle.alone())
+        let mut fit = Fit::new(middle, oriented, radius);
+        if around.near().len() >= NEIGHBOUR_MIN_COUNT {
+            around.near().iter().for_each(|&place| fit.add(&members[place]));
+        } else if let Some((nearest, radius)) = around.nearest(NEIGHBOUR_MIN_COUNT) {
+            fit = Fit::new(middle, oriented, radius);
+            nearest.iter().for_each(|&place| fit.add(&members[place]));
+        } else {
+            let nearest = tree.nearest_many(&middle.position, NEIGHBOUR_MIN_COUNT);
+            let radius = nearest.last().map_or(radius, |last| last.distance);
+            fit = Fit::new(middle, oriented, radius);
+            nearest.iter().for_each(|found| fit.add(&member(found.index)));
+        }
+        fit.patch().unwrap_or_else(|| middle.alone())
     })
 }
 
@@ -75,33 +79,107 @@ impl Member {
     }
 }
 
-fn fit<'a>(middle: &Member, around: impl Iterator<Item = &'a Member>, radius: f64, oriented: bool) -> Option<Patch> {
-    let up = middle.normal;
-    let [right, ahead] = tangents(&up);
-    let squared = radius * radius * (1.0 + ROUNDING);
-    let mut moments = Moments::default();
-    for other in around {
-        let offset = other.position - middle.position;
-        if offset.norm_squared() > squared {
-            continue;
-        }
-        let height = up.dot(&offset) / radius;
-        if agreement(&up, &other.normal, oriented) >= SAME_SHEET_COSINE && height.abs() <= HEIGHT_MAX {
-            moments.add(right.dot(&offset) / radius, ahead.dot(&offset) / radius, height);
+/// A patch in the making, of points within the radius.
+struct Fit<'a> {
+    middle: &'a Member,
+    oriented: bool,
+    radius: f64,
+    /// The tangents, and the normal, over the radius.
+    axes: [Vector3<f64>; 3],
+    moments: Moments,
+}
+
+impl<'a> Fit<'a> {
+    fn new(middle: &'a Member, oriented: bool, radius: f64) -> Self {
+        let [right, ahead] = tangents(&middle.normal);
+        Self {
+            middle,
+            oriented,
+            radius,
+            axes: [right, ahead, middle.normal].map(|axis| axis / radius),
+            moments: Moments::default(),
         }
     }
-    if moments.count < NEIGHBOUR_MIN_COUNT {
-        return None;
+
+    /// Adds a point if it is of the same sheet.
+    #[inline]
+    fn add(&mut self, other: &Member) {
+        let offset = other.position - self.middle.position;
+        let [u, v, height] = self.axes.map(|axis| axis.dot(&offset));
+        let cosine = agreement(&self.middle.normal, &other.normal, self.oriented);
+        if cosine >= SAME_SHEET_COSINE && height.abs() <= HEIGHT_MAX {
+            self.moments.add(u, v, height);
+        }
     }
-    let factors = moments.matrix().cholesky()?;
-    let [height, slope_u, slope_v, uu, uv, vv] = factors.solve(&moments.heights).into();
-    let patch = Patch {
-        position: middle.position + up * (height * radius),
-        normal: (up - right * slope_u - ahead * slope_v).try_normalize(0.0)?,
-        bend_rad: 2.0 * (uu * uu + vv * vv + 0.5 * uv * uv).sqrt(),
-        variance_share: factors.solve(&Vector6::x())[0],
-    };
-    (height.abs() < HEIGHT_MAX && patch.bend_rad.is_finite()).then_some(patch)
+
+    fn patch(&self) -> Option<Patch> {
+        if self.moments.count < NEIGHBOUR_MIN_COUNT {
+            return None;
+        }
+        let factors = Factors::of(self.moments.matrix())?;
+        let [height, slope_u, slope_v, uu, uv, vv] = factors.solve(&self.moments.heights);
+        let [right, ahead, up] = self.axes.map(|axis| axis * self.radius);
+        let patch = Patch {
+            position: self.middle.position + up * (height * self.radius),
+            normal: (up - right * slope_u - ahead * slope_v).try_normalize(0.0)?,
+            bend_rad: 2.0 * (uu * uu + vv * vv + 0.5 * uv * uv).sqrt(),
+            variance_share: factors.first_variance(),
+        };
+        (height.abs() < HEIGHT_MAX && patch.bend_rad.is_finite()).then_some(patch)
+    }
+}
+
+/// The Cholesky factor of a symmetric matrix of six unknowns, the inverse of its diagonal in place of the diagonal.
+struct Factors([[f64; 6]; 6]);
+
+impl Factors {
+    /// `None` unless the matrix, of which the lower triangle is read, is positive definite.
+    fn of(mut rows: [[f64; 6]; 6]) -> Option<Self> {
+        for row in 0..6 {
+            for column in 0..=row {
+                let products = rows[row][..column].iter().zip(&rows[column]).map(|(a, b)| a * b);
+                let sum = rows[row][column] - products.sum::<f64>();
+                rows[row][column] = if column < row {
+                    sum * rows[column][column]
+                } else if sum > 0.0 {
+                    1.0 / sum.sqrt()
+                } else {
+                    return None;
+                };
+            }
+        }
+        Some(Self(rows))
+    }
+
+    fn solve(&self, right_side: &[f64; 6]) -> [f64; 6] {
+        let Self(rows) = self;
+        let mut solution = self.forward(right_side);
+        for row in (0..6).rev() {
+            for below in row + 1..6 {
+                solution[row] -= rows[below][row] * solution[below];
+            }
+            solution[row] *= rows[row][row];
+        }
+        solution
+    }
+
+    fn forward(&self, right_side: &[f64; 6]) -> [f64; 6] {
+        let Self(rows) = self;
+        let mut solution = *right_side;
+        for row in 0..6 {
+            for before in 0..row {
+                solution[row] -= rows[row][before] * solution[before];
+            }
+            solution[row] *= rows[row][row];
+        }
+        solution
+    }
+
+    /// The first element of the inverse matrix.
+    fn first_variance(&self) -> f64 {
+        let first = self.forward(&[1.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        first.iter().map(|value| value * value).sum()
+    }
 }
 
 /// Sums of the products that a second-order fit needs: of `u^a v^b` up to the fourth power, and of these with the height.
@@ -112,7 +190,7 @@ struct Moments {
     second: [f64; 3],
     third: [f64; 4],
     fourth: [f64; 5],
-    heights: Vector6<f64>,
+    heights: [f64; 6],
 }
 
 impl Moments {
@@ -133,24 +211,26 @@ impl Moments {
         for (sum, value) in self.fourth.iter_mut().zip(fourth) {
             *sum += value;
         }
-        self.heights += Vector6::new(1.0, u, v, uu, uv, vv) * height;
+        for (sum, value) in self.heights.iter_mut().zip([1.0, u, v, uu, uv, vv]) {
+            *sum += value * height;
+        }
     }
 
     /// The normal matrix of the unknowns `1 u v u² uv v²`.
-    fn matrix(&self) -> Matrix6<f64> {
+    fn matrix(&self) -> [[f64; 6]; 6] {
         let n = self.count as f64;
         let [u, v] = self.first;
         let [uu, uv, vv] = self.second;
         let [u3, uuv, uvv, v3] = self.third;
         let [u4, u3v, u2v2, uv3, v4] = self.fourth;
-        Matrix6::from_row_slice(&[
-            n, u, v, uu, uv, vv, //
-            u, uu, uv, u3, uuv, uvv, //
-            v, uv, vv, uuv, uvv, v3, //
-            uu, u3, uuv, u4, u3v, u2v2, //
-            uv, uuv, uvv, u3v, u2v2, uv3, //
-            vv, uvv, v3, u2v2, uv3, v4,
-        ])
+        [
+            [n, u, v, uu, uv, vv],
+            [u, uu, uv, u3, uuv, uvv],
+            [v, uv, vv, uuv, uvv, v3],
+            [uu, u3, uuv, u4, u3v, u2v2],
+            [uv, uuv, uvv, u3v, u2v2, uv3],
+            [vv, uvv, v3, u2v2, uv3, v4],
+        ]
     }
 }
 
@@ -160,8 +240,6 @@ const SAME_SHEET_COSINE: f64 = 0.5;
 const HEIGHT_MAX: f64 = 0.5;
 /// Six unknowns, and some points to spare.
 const NEIGHBOUR_MIN_COUNT: usize = 12;
-/// The farthest of the nearest points takes part.
-const ROUNDING: f64 = 1e-12;
 
 #[cfg(test)]
 mod tests {

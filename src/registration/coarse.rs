@@ -6,7 +6,6 @@ use super::consistency::{Judge, Score, Views, residuals};
 use super::facing::Sides;
 use super::icp::{IcpLevel, Problem, Sample};
 use super::{IcpSettings, Settings};
-use crate::geometry::PointCloud;
 
 /// The coarse levels of trimmed ICP, and what they have come to so far.
 pub(super) struct Coarse<'a> {
@@ -15,6 +14,8 @@ pub(super) struct Coarse<'a> {
     judge: Judge<'a>,
     /// One for each level but the last, and the same with reversed normals.
     samples: [Vec<Sample>; 2],
+    /// Where the first level of each of those that were added ended.
+    firsts: Vec<Isometry3<f64>>,
     /// In the order in which they were added.
     pub(super) refined: Vec<Candidate>,
     pub(super) iterations: u32,
@@ -44,15 +45,26 @@ impl<'a> Coarse<'a> {
             settings,
             judge,
             samples: [samples, reversed],
+            firsts: Vec::new(),
             refined: Vec::new(),
             iterations: 0,
         }
     }
 
-    /// Refines `pose` over all coarse levels and judges it.
+    /// Refines `pose` over all coarse levels and judges it, unless its first level ends where that of another one did.
     pub(super) fn add(&mut self, pose: &Isometry3<f64>) {
         let candidate = self.judged(*pose);
-        let refined = self.refined_over(0..self.level_count(), &candidate);
+        let levels = self.level_count();
+        let first = self.refined_over(0..levels.min(1), &candidate);
+        if self.firsts.iter().any(|other| self.are_same(other, &first.pose)) {
+            return;
+        }
+        self.firsts.push(first.pose);
+        let refined = if levels > 1 {
+            self.refined_over(1..levels, &first)
+        } else {
+            first
+        };
         self.refined.push(refined);
     }
 
@@ -113,8 +125,8 @@ impl<'a> Coarse<'a> {
 
     /// Whether the best candidate's residuals are those of the clouds' own roughness.
     pub(super) fn is_explained(&self, overlap_distance: f64, scatter: f64) -> bool {
-        let sample = PointCloud::from_measured(self.judge.sample.points.iter().copied()).cloud;
-        let (overlap, rmse) = residuals(&sample, self.problem.reference, &self.best().pose, overlap_distance);
+        let sample = &self.judge.sample.points;
+        let (overlap, rmse) = residuals(sample, self.problem.reference, &self.best().pose, overlap_distance);
         overlap.fraction > self.settings.overlap_min_fraction && rmse <= self.settings.residual_max_factor * scatter
     }
 
@@ -125,6 +137,13 @@ impl<'a> Coarse<'a> {
 
     fn are_distinct(&self, a: &Isometry3<f64>, b: &Isometry3<f64>) -> bool {
         distinct(a, b, &self.problem.centroid, self.problem.radius)
+    }
+
+    /// Whether further levels lead two poses to one place.
+    fn are_same(&self, a: &Isometry3<f64>, b: &Isometry3<f64>) -> bool {
+        let turn = (a.rotation.inverse() * b.rotation).angle();
+        let shift = (a * self.problem.centroid - b * self.problem.centroid).norm() / self.problem.radius;
+        turn + shift < SAME_FACTOR
     }
 
     fn level_count(&self) -> usize {
@@ -217,6 +236,8 @@ const CONTRADICTED: f64 = 0.08;
 const CONSISTENT: f64 = 0.8;
 /// The fine stage may lose this much of the start's score to chance.
 const WORSE: f64 = 0.01;
+/// Poses this near to each other, over the radius, lie within a third of the second level's default reach.
+const SAME_FACTOR: f64 = 0.008;
 const DISTINCT_RAD: f64 = 0.09;
 const DISTINCT_FACTOR: f64 = 0.1;
 /// Scores this much apart are different.

@@ -13,13 +13,12 @@ use crate::geometry::nearest::{NearestPoints, Neighbour};
 
 /// The overlap, and the root mean square distance of the overlapping points from the reference's surface.
 pub(super) fn residuals(
-    template: &PointCloud,
+    template: &[Point3<f64>],
     reference: &Reference,
     pose: &Isometry3<f64>,
     overlap_distance: f64,
 ) -> (Overlap, f64) {
     let sums: Vec<(usize, f64)> = template
-        .points()
         .par_chunks(CHUNK_COUNT)
         .map(|points| {
             let (mut count, mut squared) = (0, 0.0);

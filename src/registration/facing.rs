@@ -122,8 +122,18 @@ struct Sheet {
     normals: Vec<Vector3<f64>>,
     /// Pairs of neighbours.
     pairs: Vec<(u32, u32)>,
+    folds: Vec<Fold>,
     /// The median distance to the last of the neighbours.
     cell: f64,
+}
+
+/// Two neighbours whose normals are far from square to each other: they nearly oppose each other, or would if one of them
+/// were reversed.
+struct Fold {
+    a: u32,
+    b: u32,
+    /// Whether the normals oppose each other as they are.
+    opposed: bool,
 }
 
 impl Sheet {
@@ -145,28 +155,36 @@ impl Sheet {
             .filter_map(|(near, point)| near.last().map(|&last| (points[last] - point).norm()))
             .collect();
         let cell = median(distances)?;
-        let pairs = neighbours
+        let pairs: Vec<(u32, u32)> = neighbours
             .iter()
             .enumerate()
             .flat_map(|(index, near)| near.iter().map(move |&other| (index as u32, other as u32)))
             .filter(|(a, b)| a != b)
             .collect();
+        let folds = pairs
+            .iter()
+            .map(|&(a, b)| (a, b, normals[a as usize].dot(&normals[b as usize])))
+            .filter(|(.., cosine)| cosine.abs() > -FOLD_COSINE)
+            .map(|(a, b, cosine)| Fold {
+                a,
+                b,
+                opposed: cosine < 0.0,
+            })
+            .collect();
         (cell > 0.0 && cell.is_finite()).then_some(Self {
             points,
             normals,
             pairs,
+            folds,
             cell,
         })
     }
 
     /// The share of the pairs of neighbours whose normals nearly oppose each other once all of them face `direction`.
     fn folded_fraction(&self, direction: &Vector3<f64>) -> f64 {
-        let facing: Vec<Vector3<f64>> = self.normals.iter().map(|normal| signed(normal, direction)).collect();
-        let folded = self
-            .pairs
-            .iter()
-            .filter(|(a, b)| facing[*a as usize].dot(&facing[*b as usize]) < FOLD_COSINE)
-            .count();
+        let averted: Vec<bool> = self.normals.iter().map(|normal| normal.dot(direction) < 0.0).collect();
+        let is_folded = |fold: &Fold| averted[fold.a as usize] ^ averted[fold.b as usize] ^ fold.opposed;
+        let folded = self.folds.iter().filter(|fold| is_folded(fold)).count();
         folded as f64 / self.pairs.len().max(1) as f64
     }
 
@@ -196,27 +214,33 @@ pub(super) fn signed(normal: &Vector3<f64>, direction: &Vector3<f64>) -> Vector3
 /// The shares of the points that lie behind another one along `direction`, by as many cells as `HIDDEN_CELLS` has it.
 fn hidden_fractions(points: &[Point3<f64>], direction: &Vector3<f64>, cell: f64) -> [f64; 2] {
     let [right, up] = tangents(direction);
-    let project = |point: &Point3<f64>| (point.coords.dot(&right), point.coords.dot(&up));
-    let (mut low, mut high) = ((f64::INFINITY, f64::INFINITY), (f64::NEG_INFINITY, f64::NEG_INFINITY));
-    for (u, v) in points.iter().map(project) {
-        low = (low.0.min(u), low.1.min(v));
-        high = (high.0.max(u), high.1.max(v));
-    }
-    let cell = cell.max((high.0 - low.0).max(high.1 - low.1) / CELL_MAX_COUNT as f64);
-    let columns = ((high.0 - low.0) / cell) as usize + 1;
-    let rows = ((high.1 - low.1) / cell) as usize + 1;
-    let place = |point: &Point3<f64>| {
-        let (u, v) = project(point);
-        ((v - low.1) / cell) as usize * columns + ((u - low.0) / cell) as usize
+    let along = |axis: &Vector3<f64>| -> Vec<f64> { points.iter().map(|point| point.coords.dot(axis)).collect() };
+    let [across, upright, depths] = [right, up, *direction].map(|axis| along(&axis));
+    let extremes = |values: &[f64]| {
+        values
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &value| {
+                (low.min(value), high.max(value))
+            })
     };
+    let (left, width) = extremes(&across);
+    let (bottom, height) = extremes(&upright);
+    let (width, height) = (width - left, height - bottom);
+    let cell = cell.max(width.max(height) / CELL_MAX_COUNT as f64);
+    let columns = (width / cell) as usize + 1;
+    let rows = (height / cell) as usize + 1;
+    let places: Vec<usize> = across
+        .iter()
+        .zip(&upright)
+        .map(|(u, v)| ((v - bottom) / cell) as usize * columns + ((u - left) / cell) as usize)
+        .collect();
     let mut nearest = vec![f64::NEG_INFINITY; rows * columns];
-    for point in points {
-        let slot = &mut nearest[place(point)];
-        *slot = slot.max(point.coords.dot(direction));
+    for (&place, &depth) in places.iter().zip(&depths) {
+        nearest[place] = nearest[place].max(depth);
     }
     let mut hidden = [0.0; 2];
-    for point in points {
-        let behind = nearest[place(point)] - point.coords.dot(direction);
+    for (&place, depth) in places.iter().zip(&depths) {
+        let behind = nearest[place] - depth;
         for (count, cells) in hidden.iter_mut().zip(HIDDEN_CELLS) {
             *count += f64::from(u8::from(behind > cells * cell));
         }

@@ -12,7 +12,8 @@ use rayon::prelude::*;
 use super::normal_matrix::NormalMatrix;
 use super::prior::weighed;
 use super::reference::Reference;
-use super::twist::{motion_between, moved};
+use super::tukey::Tukey;
+use super::twist::{motion_between, moved, scaled, unscaled};
 use super::{Determination, WeakDirections};
 use crate::geometry::normals::agreement;
 use crate::geometry::sampling::random_indices;
@@ -145,7 +146,6 @@ impl Problem<'_> {
         let mut pairs = Vec::new();
         let (mut drift, mut settled) = (f64::INFINITY, false);
         let mut sums = NormalMatrix::zero();
-        let mut counted = 0.0;
         let mut iterations = 0;
         for _ in 0..level.iteration_max_count {
             iterations += 1;
@@ -154,9 +154,9 @@ impl Problem<'_> {
                 self.trim(&mut pairs);
                 drift = 0.0;
             }
-            (sums, counted) = self.equations(sample, &pairs, &pose)?;
+            sums = self.equations(sample, &pairs, &pose)?;
             let step = sums.step(held)?;
-            pose = moved(&pose, &(pose * self.centroid), &self.unscaled(&step));
+            pose = self.stepped(&pose, &step);
             let length = step.norm();
             drift += length;
             // Noisy or thin clouds stay apart by more than the reach of a dense one: never cut into their distances.
@@ -171,7 +171,7 @@ impl Problem<'_> {
         Some(Refined {
             pose,
             iterations,
-            determination: sums.determination(self.radius, counted),
+            determination: sums.determination(self.radius, sums.weight),
         })
     }
 
@@ -179,8 +179,8 @@ impl Problem<'_> {
     pub(super) fn assess(&self, sample: &Sample, pose: &Isometry3<f64>, reach: f64) -> Option<Determination> {
         let mut pairs = self.pairs(sample, pose, reach);
         self.trim(&mut pairs);
-        let (sums, counted) = self.equations(sample, &pairs, pose)?;
-        Some(sums.determination(self.radius, counted))
+        let sums = self.equations(sample, &pairs, pose)?;
+        Some(sums.determination(self.radius, sums.weight))
     }
 
     /// Puts the components of the motion from `start` along the `held` directions back to nothing.
@@ -190,23 +190,21 @@ impl Problem<'_> {
         pose: &Isometry3<f64>,
         held: &[Vector6<f64>],
     ) -> Isometry3<f64> {
-        let mut motion = motion_between(start, pose, &self.centroid);
-        for axis in 0..3 {
-            motion[axis] *= self.radius;
-        }
+        let mut step = self.step_between(start, pose);
         for direction in held {
-            motion -= direction * direction.dot(&motion);
+            step -= direction * direction.dot(&step);
         }
-        moved(start, &(start * self.centroid), &self.unscaled(&motion))
+        self.stepped(start, &step)
     }
 
-    /// A motion with its turns in radians instead of lengths at the radius of gyration.
-    pub(super) fn unscaled(&self, step: &Vector6<f64>) -> Vector6<f64> {
-        let mut motion = *step;
-        for axis in 0..3 {
-            motion[axis] /= self.radius;
-        }
-        motion
+    /// The pose after a step `[L·rx L·ry L·rz tx ty tz]` about the centroid, with L the radius of gyration.
+    pub(super) fn stepped(&self, pose: &Isometry3<f64>, step: &Vector6<f64>) -> Isometry3<f64> {
+        moved(pose, &(pose * self.centroid), &unscaled(step, self.radius))
+    }
+
+    /// The step from one pose to another; the inverse of [`Self::stepped`].
+    pub(super) fn step_between(&self, from: &Isometry3<f64>, to: &Isometry3<f64>) -> Vector6<f64> {
+        scaled(&motion_between(from, to, &self.centroid), self.radius)
     }
 
     fn pairs(&self, sample: &Sample, pose: &Isometry3<f64>, reach: f64) -> Vec<Pair> {
@@ -260,57 +258,35 @@ impl Problem<'_> {
         pairs.retain(|pair| pair.distance <= largest);
     }
 
-    /// The weighted equations over `pairs` at `pose`, and how many pairs they stand for.
-    fn equations(&self, sample: &Sample, pairs: &[Pair], pose: &Isometry3<f64>) -> Option<(NormalMatrix, f64)> {
+    /// The weighted equations over `pairs` at `pose`; their weight is how many pairs they stand for.
+    fn equations(&self, sample: &Sample, pairs: &[Pair], pose: &Isometry3<f64>) -> Option<NormalMatrix> {
         if pairs.len() < PAIR_MIN_COUNT {
             return None;
         }
         let measured: Vec<Measured> = pairs
-            .par_chunks(CHUNK_COUNT)
-            .map(|chunk| {
-                chunk
-                    .iter()
-                    .map(|pair| self.measured(sample, pair, pose))
-                    .collect::<Vec<_>>()
-            })
-            .collect::<Vec<_>>()
-            .concat();
-        let median = median(measured.iter().map(|m| m.size).collect())?;
-        let cut = (TUKEY * MEDIAN_TO_SIGMA * median).max(1e-9 * self.radius);
+            .par_iter()
+            .with_min_len(512)
+            .map(|pair| self.measured(sample, pair, pose))
+            .collect();
+        let tukey = Tukey::of(measured.iter().map(|m| m.size).collect(), self.radius)?;
         let centre = pose * self.centroid;
-        let sums: Vec<NormalMatrix> = measured
-            .par_chunks(CHUNK_COUNT)
-            .map(|chunk| {
-                let mut sums = NormalMatrix::zero();
-                for m in chunk {
-                    let share = 1.0 - (m.size / cut).powi(2);
-                    if share <= 0.0 {
-                        continue;
-                    }
-                    let weight = share * share;
-                    let arm = (m.point - centre) / self.radius;
-                    match self.metric {
-                        Metric::PointToPlane => {
-                            sums.add(weight, &arm, &m.normal, m.normal.dot(&m.offset));
-                            sums.add_cross(weight, &arm, &m.first, &m.second);
-                        }
-                        Metric::PointToPoint => {
-                            for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
-                                sums.add(weight / 3.0, &arm, &axis, axis.dot(&m.offset));
-                            }
-                            sums.add_cross(weight, &arm, &m.first, &m.second);
+        NormalMatrix::summed(&measured, |some| {
+            let mut sums = NormalMatrix::zero();
+            for m in some {
+                let Some(weight) = tukey.weight(m.size) else { continue };
+                let arm = (m.point - centre) / self.radius;
+                match self.metric {
+                    Metric::PointToPlane => sums.add(weight, &arm, &m.normal, m.normal.dot(&m.offset)),
+                    Metric::PointToPoint => {
+                        for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
+                            sums.add(weight / 3.0, &arm, &axis, axis.dot(&m.offset));
                         }
                     }
                 }
-                sums
-            })
-            .collect();
-        let mut total = NormalMatrix::zero();
-        for part in &sums {
-            total.merge(part);
-        }
-        let counted = total.weight;
-        (counted > 0.0).then_some((total, counted))
+                sums.add_cross(weight, &arm, &m.first, &m.second);
+            }
+            sums
+        })
     }
 
     fn measured(&self, sample: &Sample, pair: &Pair, pose: &Isometry3<f64>) -> Measured {
@@ -334,7 +310,6 @@ impl Problem<'_> {
     }
 }
 
-#[derive(Clone)]
 struct Measured {
     point: Point3<f64>,
     offset: Vector3<f64>,
@@ -430,8 +405,6 @@ const AGREEMENT_REACH_FACTOR: f64 = 0.05;
 /// Least cosine between the normals of a pair, far from the solution and near it.
 const AGREEMENT_FAR: f64 = 0.6;
 const AGREEMENT_NEAR: f64 = 0.85;
-const TUKEY: f64 = 4.685;
-const MEDIAN_TO_SIGMA: f64 = 1.4826;
 
 #[cfg(test)]
 mod tests {

@@ -16,6 +16,7 @@ pub mod mpe;
 
 mod coarse;
 mod consistency;
+mod distinct;
 mod facing;
 mod mixture;
 mod nfi;
@@ -34,6 +35,7 @@ mod swarm;
 pub(crate) mod testing;
 #[cfg(test)]
 mod tests;
+mod tukey;
 mod twist;
 mod uncertainty;
 

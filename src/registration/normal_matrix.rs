@@ -4,7 +4,9 @@
 //! are lengths and eigenvalues can be compared.
 
 use nalgebra::{Matrix6, Vector3, Vector6};
+use rayon::prelude::*;
 
+use super::twist::unscaled;
 use super::{Determination, WeakDirection};
 
 /// Sums over weighted point pairs.
@@ -48,7 +50,18 @@ impl NormalMatrix {
         self.normal_disagreement += weight * (first - second).norm_squared();
     }
 
-    pub(super) fn merge(&mut self, other: &Self) {
+    /// The sum over all `pairs` of what `part` makes of some of them; the same at any number of threads. `None` when they
+    /// weigh nothing.
+    pub(super) fn summed<T: Sync>(pairs: &[T], part: impl Fn(&[T]) -> Self + Send + Sync) -> Option<Self> {
+        let parts: Vec<Self> = pairs.par_chunks(CHUNK_COUNT).map(part).collect();
+        let mut total = Self::zero();
+        for part in &parts {
+            total.merge(part);
+        }
+        (total.weight > 0.0).then_some(total)
+    }
+
+    fn merge(&mut self, other: &Self) {
         self.weight += other.weight;
         self.squared_residual += other.squared_residual;
         self.normal_disagreement += other.normal_disagreement;
@@ -98,10 +111,7 @@ impl NormalMatrix {
             let value = eigen.eigenvalues[index];
             let scaled: Vector6<f64> = eigen.eigenvectors.column(index).into_owned();
             let squared_sigma = variance / (dof_count * value.max(INFORMATION_FLOOR));
-            let mut direction = scaled;
-            for axis in 0..3 {
-                direction[axis] /= gyration;
-            }
+            let direction = unscaled(&scaled, gyration);
             if value < limit {
                 out.weak.push((
                     scaled,
@@ -133,6 +143,7 @@ fn symmetric(lower: &Matrix6<f64>) -> Matrix6<f64> {
     full
 }
 
+const CHUNK_COUNT: usize = 1024;
 /// Keeps the equations solvable without changing what a determined direction gives.
 const DAMPING: f64 = 1e-9;
 /// Mean squared slope of the surface along a direction below which it counts as not determined: 1.3 degrees root mean

@@ -6,19 +6,18 @@
 //! the shape is the same in both; pairs are taken both ways; and where a surface bends too much for its patch, the
 //! measured points are compared. The pairs hold still: trimmed ICP has ended far below a spacing from the solution.
 
-use std::collections::BTreeSet;
-
 use nalgebra::{Isometry3, Point3, Vector3, Vector6};
 use rayon::prelude::*;
 
 use super::icp::{Problem, Refined};
 use super::normal_matrix::NormalMatrix;
-use super::twist::{motion_between, moved};
+use super::tukey::Tukey;
 use crate::geometry::PointCloud;
+use crate::geometry::cells::cube_order;
 use crate::geometry::nearest::NearestPoints;
 use crate::geometry::normals::{agreement, neighbourhood_radius};
 use crate::geometry::patches::{Patch, patches};
-use crate::geometry::statistics::median;
+use crate::geometry::sampling::even_indices;
 
 /// The pose after trimmed ICP has come to `fine`, made more accurate; without motion along the `held` directions.
 ///
@@ -40,8 +39,8 @@ pub(super) fn refined(
     }
     let near = near(reference.cloud(), template, &fine.pose, radius);
     let all: Vec<usize> = (0..template.len()).collect();
-    let fixed = Surface::new(reference.cloud(), reference.tree(), &near, radius, problem.oriented);
-    let moving = Surface::new(template, tree, &all, radius, problem.oriented);
+    let fixed = Surface::new(reference.cloud(), reference.tree(), near, radius, problem.oriented);
+    let moving = Surface::new(template, tree, all, radius, problem.oriented);
     let pairs = Pairing {
         problem,
         moving: &moving,
@@ -49,7 +48,7 @@ pub(super) fn refined(
         reach: REACH_RADII * radius,
         pose: fine.pose,
     }
-    .pairs(tree, &near);
+    .pairs();
     if pairs.len() < PAIR_MIN_COUNT {
         return None;
     }
@@ -58,13 +57,10 @@ pub(super) fn refined(
     for _ in 0..ITERATION_COUNT {
         sums = equations(problem, &moving, &fixed, &pairs, &pose)?;
         let step = sums.step(held)?;
-        pose = moved(&pose, &(pose * problem.centroid), &problem.unscaled(&step));
+        pose = problem.stepped(&pose, &step);
     }
-    let mut motion = motion_between(&fine.pose, &pose, &problem.centroid);
-    for axis in 0..3 {
-        motion[axis] *= problem.radius;
-    }
-    (motion.norm() <= REACH_RADII * radius).then(|| Refined {
+    let step = problem.step_between(&fine.pose, &pose);
+    (step.norm() <= REACH_RADII * radius).then(|| Refined {
         pose,
         iterations: fine.iterations + ITERATION_COUNT,
         // Every measured distance counts twice, once each way.
@@ -74,40 +70,75 @@ pub(super) fn refined(
 
 /// The indices, ascending, of the reference points that a patch near the template may need.
 fn near(reference: &PointCloud, template: &PointCloud, pose: &Isometry3<f64>, radius: f64) -> Vec<usize> {
-    let cell = |point: &Point3<f64>| point.coords.map(|value| (value / (2.0 * radius)).floor() as i64);
-    let mut occupied: Vec<[i64; 3]> = template
-        .points()
+    let placed: Vec<Point3<f64>> = template.points().iter().map(|point| pose * point).collect();
+    let low = placed
         .iter()
-        .map(|point| cell(&(pose * point)).into())
-        .collect();
-    occupied.par_sort_unstable();
-    occupied.dedup();
-    let mut wanted = BTreeSet::new();
-    for [x, y, z] in occupied {
-        for step in 0..27 {
-            wanted.insert([x + step % 3 - 1, y + step / 3 % 3 - 1, z + step / 9 - 1]);
+        .fold(Point3::from([f64::MAX; 3]), |low, point| low.inf(point));
+    let high = placed
+        .iter()
+        .fold(Point3::from([f64::MIN; 3]), |high, point| high.sup(point));
+    let width = (2.0 * radius).max((high - low).amax() / BOX_MAX_COUNT as f64);
+    // A margin all around.
+    let low = low - Vector3::repeat(2.0 * width);
+    let counts = (high - low).map(|extent| (extent / width) as usize + 3);
+    let at = |cube: [usize; 3]| (cube[0] * counts.y + cube[1]) * counts.z + cube[2];
+    let cube = |point: &Point3<f64>| {
+        let [x, y, z]: [f64; 3] = ((point - low) / width).into();
+        let inside = x >= 0.0 && y >= 0.0 && z >= 0.0;
+        let cube = [x as usize, y as usize, z as usize];
+        (inside && cube[0] < counts.x && cube[1] < counts.y && cube[2] < counts.z).then_some(cube)
+    };
+    let mut occupied = vec![false; counts.product()];
+    let mut wanted = occupied.clone();
+    for [x, y, z] in placed.iter().filter_map(cube) {
+        let here = at([x, y, z]);
+        if occupied[here] {
+            continue;
+        }
+        occupied[here] = true;
+        for x in x - 1..=x + 1 {
+            for y in y - 1..=y + 1 {
+                let row = at([x, y, z]);
+                wanted[row - 1..=row + 1].fill(true);
+            }
         }
     }
     let points = reference.points();
-    (0..points.len())
-        .into_par_iter()
-        .with_min_len(4096)
-        .filter(|&index| wanted.contains::<[i64; 3]>(&cell(&points[index]).into()))
-        .collect()
+    let is_wanted = |index: &usize| cube(&points[*index]).is_some_and(|cube| wanted[at(cube)]);
+    (0..points.len()).filter(is_wanted).collect()
 }
 
-/// Some points of a cloud and their patches.
-struct Surface {
+/// Some points of a cloud and their patches, neighbours next to each other.
+struct Surface<'a> {
+    /// Over all points of the cloud.
+    tree: &'a NearestPoints,
+    /// Where each point of the cloud is, `None` if it is none of these.
+    places: Vec<Option<u32>>,
     points: Vec<Point3<f64>>,
     patches: Vec<Patch>,
 }
 
-impl Surface {
-    fn new(cloud: &PointCloud, tree: &NearestPoints, indices: &[usize], radius: f64, oriented: bool) -> Self {
-        Self {
-            points: indices.iter().map(|&index| cloud.points()[index]).collect(),
-            patches: patches(cloud, tree, indices, radius, oriented),
+impl<'a> Surface<'a> {
+    fn new(cloud: &PointCloud, tree: &'a NearestPoints, indices: Vec<usize>, radius: f64, oriented: bool) -> Self {
+        let points: Vec<Point3<f64>> = indices.iter().map(|&index| cloud.points()[index]).collect();
+        let order = cube_order(&points, radius);
+        let indices: Vec<usize> = order.iter().map(|&at| indices[at]).collect();
+        let mut places = vec![None; cloud.len()];
+        for (place, &index) in indices.iter().enumerate() {
+            places[index] = Some(place as u32);
         }
+        Self {
+            tree,
+            places,
+            points: order.iter().map(|&at| points[at]).collect(),
+            patches: patches(cloud, tree, &indices, radius, oriented),
+        }
+    }
+
+    /// The place of the cloud's nearest point to `query`, if that is within `reach` and one of these.
+    fn nearest_within(&self, query: &Point3<f64>, reach: f64) -> Option<usize> {
+        let found = self.tree.nearest_within(query, reach)?;
+        self.places[found.index].map(|place| place as usize)
     }
 }
 
@@ -120,28 +151,26 @@ struct Pair {
 
 struct Pairing<'a> {
     problem: &'a Problem<'a>,
-    moving: &'a Surface,
-    fixed: &'a Surface,
+    moving: &'a Surface<'a>,
+    fixed: &'a Surface<'a>,
     reach: f64,
     pose: Isometry3<f64>,
 }
 
 impl Pairing<'_> {
     /// Each template point with its nearest reference point, then each of these with its nearest template point.
-    /// `near` are the reference's indices of `fixed`.
-    fn pairs(&self, tree: &NearestPoints, near: &[usize]) -> Vec<Pair> {
-        let reference = self.problem.reference;
+    fn pairs(&self) -> Vec<Pair> {
         let template_from_reference = self.pose.inverse();
         let there = self.moving.points.par_iter().enumerate().with_min_len(512);
         let there = there.filter_map(|(template, point)| {
-            let found = reference.tree().nearest_within(&(self.pose * point), self.reach)?;
-            let reference = near.binary_search(&found.index).ok()?;
+            let reference = self.fixed.nearest_within(&(self.pose * point), self.reach)?;
             self.agreed(Pair { template, reference })
         });
         let back = self.fixed.points.par_iter().enumerate().with_min_len(512);
         let back = back.filter_map(|(reference, point)| {
-            let found = tree.nearest_within(&(template_from_reference * point), self.reach)?;
-            let template = found.index;
+            let template = self
+                .moving
+                .nearest_within(&(template_from_reference * point), self.reach)?;
             self.agreed(Pair { template, reference })
         });
         there.chain(back).collect()
@@ -171,7 +200,7 @@ struct Measured {
     raw: f64,
 }
 
-fn measured(moving: &Surface, fixed: &Surface, pair: Pair, pose: &Isometry3<f64>) -> Option<Measured> {
+fn measured(moving: &Surface<'_>, fixed: &Surface<'_>, pair: Pair, pose: &Isometry3<f64>) -> Option<Measured> {
     let (there, here) = (&moving.patches[pair.template], &fixed.patches[pair.reference]);
     let turned = pose * there.normal;
     let first = if turned.dot(&here.normal) < 0.0 {
@@ -200,44 +229,34 @@ fn measured(moving: &Surface, fixed: &Surface, pair: Pair, pose: &Isometry3<f64>
 /// The equations at `pose`, weighted by Tukey's function; their squared residual is that of the measured points.
 fn equations(
     problem: &Problem<'_>,
-    moving: &Surface,
-    fixed: &Surface,
+    moving: &Surface<'_>,
+    fixed: &Surface<'_>,
     pairs: &[Pair],
     pose: &Isometry3<f64>,
 ) -> Option<NormalMatrix> {
-    let found: Vec<Measured> = pairs
-        .par_iter()
-        .with_min_len(512)
-        .filter_map(|&pair| measured(moving, fixed, pair, pose))
+    let residuals: Vec<f64> = even_indices(pairs.len(), MEDIAN_COUNT)
+        .into_par_iter()
+        .with_min_len(CHUNK_COUNT)
+        .map(|index| pairs[index])
+        .filter_map(|pair| Some(measured(moving, fixed, pair, pose)?.residual.abs()))
         .collect();
-    let median = median(found.iter().map(|m| m.residual.abs()).collect())?;
-    let cut = (TUKEY * MEDIAN_TO_SIGMA * median).max(ROUNDING * problem.radius);
+    let tukey = Tukey::of(residuals, problem.radius)?;
     let centre = pose * problem.centroid;
-    let parts: Vec<NormalMatrix> = found
-        .par_chunks(CHUNK_COUNT)
-        .map(|chunk| {
-            let mut sums = NormalMatrix::zero();
-            let mut squared = 0.0;
-            for m in chunk {
-                let share = 1.0 - (m.residual / cut).powi(2);
-                if share <= 0.0 {
-                    continue;
-                }
-                let weight = share * share;
-                let arm = (m.point - centre) / problem.radius;
-                sums.add(weight, &arm, &m.normal, m.residual);
-                sums.add_cross(weight, &arm, &m.first, &m.second);
-                squared += weight * m.raw * m.raw;
-            }
-            sums.squared_residual = squared;
-            sums
-        })
-        .collect();
-    let mut total = NormalMatrix::zero();
-    for part in &parts {
-        total.merge(part);
-    }
-    (total.weight > 0.0).then_some(total)
+    NormalMatrix::summed(pairs, |some| {
+        let mut sums = NormalMatrix::zero();
+        let mut squared = 0.0;
+        for m in some.iter().filter_map(|&pair| measured(moving, fixed, pair, pose)) {
+            let Some(weight) = tukey.weight(m.residual) else {
+                continue;
+            };
+            let arm = (m.point - centre) / problem.radius;
+            sums.add(weight, &arm, &m.normal, m.residual);
+            sums.add_cross(weight, &arm, &m.first, &m.second);
+            squared += weight * m.raw * m.raw;
+        }
+        sums.squared_residual = squared;
+        sums
+    })
 }
 
 /// About how many points a patch is fitted to: fewer leave noise, more smooth edges away.
@@ -255,8 +274,9 @@ const AGREEMENT: f64 = 0.85;
 /// Fewer pairs are not worth it.
 const PAIR_MIN_COUNT: usize = 1000;
 const ITERATION_COUNT: u32 = 2;
+/// The most cubes along an axis in which points near the template are looked for.
+const BOX_MAX_COUNT: usize = 200;
+/// Points of one parallel piece.
 const CHUNK_COUNT: usize = 1024;
-const TUKEY: f64 = 4.685;
-const MEDIAN_TO_SIGMA: f64 = 1.4826;
-/// Smaller residuals over the template's radius are rounding.
-const ROUNDING: f64 = 1e-9;
+/// How many pairs tell the median of the residuals.
+const MEDIAN_COUNT: usize = 10_000;

@@ -11,9 +11,10 @@ use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Quaternion, Translation3, Un
 use rayon::prelude::*;
 
 use super::coarse::distinct;
+use super::distinct::add_distinct;
 use super::icp::Sample;
 use super::reference::Reference;
-use super::twist::moved;
+use super::twist::{moved, unscaled};
 use crate::geometry::nearest::NearestPoints;
 use crate::geometry::normals::agreement;
 use crate::geometry::sampling::even_indices;
@@ -111,10 +112,7 @@ impl Swarm {
             if length > STEP_MAX_FACTOR * radius {
                 step *= STEP_MAX_FACTOR * radius / length;
             }
-            for axis in 0..3 {
-                step[axis] /= radius;
-            }
-            pose = moved(&pose, &centre, &step);
+            pose = moved(&pose, &centre, &unscaled(&step, radius));
             reach *= REACH_SHRINK;
         }
         pose
@@ -133,18 +131,11 @@ impl Swarm {
             .collect();
         found.sort_by(|a, b| b.1.total_cmp(&a.1));
         let least = found.first().map_or(0.0, |best| best.1 - CLEARLY);
+        let good = found.iter().take_while(|(_, share)| *share >= least);
         let mut kept: Vec<Isometry3<f64>> = Vec::new();
-        for (pose, share) in found {
-            if kept.len() == KEPT_COUNT || share < least {
-                break;
-            }
-            if kept
-                .iter()
-                .all(|other| distinct(other, &pose, &faller.centroid, faller.radius))
-            {
-                kept.push(pose);
-            }
-        }
+        add_distinct(&mut kept, good.map(|(pose, _)| *pose), KEPT_COUNT, |a, b| {
+            distinct(a, b, &faller.centroid, faller.radius)
+        });
         kept
     }
 

@@ -7,6 +7,16 @@ use rand_chacha::rand_core::SeedableRng;
 
 use crate::geometry::PointCloud;
 
+/// `count` points along a line that loops through a box of half extents 1, 0.7 and 0.4; `phase` shifts them along it.
+pub(crate) fn looped(count: u32, phase: f64) -> Vec<Point3<f64>> {
+    (0..count)
+        .map(|i| {
+            let t = f64::from(i) * 0.7 + phase;
+            Point3::new(t.sin(), (1.3 * t).cos() * 0.7, (0.37 * t).sin() * 0.4)
+        })
+        .collect()
+}
+
 /// A twisted, cambered blade of half height 1 with a slanted platform, about `count` points without normals; `phase`
 /// (0 to 1) shifts the sampling along the surface.
 pub(crate) fn blade(count: usize, phase: f64) -> PointCloud {

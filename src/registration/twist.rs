@@ -21,9 +21,35 @@ pub(super) fn motion_between(from: &Isometry3<f64>, to: &Isometry3<f64>, source_
     Vector6::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z)
 }
 
+/// A motion with its turns as the lengths they make at `radius`, so that all six are lengths.
+pub(super) fn scaled(motion: &Vector6<f64>, radius: f64) -> Vector6<f64> {
+    let mut scaled = *motion;
+    for axis in 0..3 {
+        scaled[axis] *= radius;
+    }
+    scaled
+}
+
+/// A motion with its turns in radians; the inverse of [`scaled`].
+pub(super) fn unscaled(scaled: &Vector6<f64>, radius: f64) -> Vector6<f64> {
+    let mut motion = *scaled;
+    for axis in 0..3 {
+        motion[axis] /= radius;
+    }
+    motion
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_turn_scaled_is_the_arc_at_the_radius_and_a_shift_stays() {
+        let motion = Vector6::new(0.1, -0.2, 0.3, 4.0, 5.0, 6.0);
+        let lengths = scaled(&motion, 2.0);
+        assert_eq!(lengths, Vector6::new(0.2, -0.4, 0.6, 4.0, 5.0, 6.0));
+        assert_eq!(unscaled(&lengths, 2.0), motion);
+    }
 
     #[test]
     fn the_motion_between_two_poses_leads_from_one_to_the_other() {

@@ -9,6 +9,7 @@ use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Vector6};
 
 use super::field::{Gaussians, Lookers};
 use super::mixture::{Mixture, Model, Products, UNKNOWN_COUNT, Unknowns, Word, stacked};
+use super::twist::{scaled, unscaled};
 use super::{Determination, WeakDirection};
 
 /// Which motions count as not determined: those whose standard deviation is larger.
@@ -139,23 +140,16 @@ pub(super) fn determination(covariance: &Matrix6<f64>, gyration: f64, tolerance:
         let mut axis = Vector6::zeros();
         axis.fixed_rows_mut::<3>(block)
             .copy_from(&eigen.eigenvectors.column(largest));
-        let mut scaled = covariance * axis / (excess * limit);
-        for turn in 0..3 {
-            scaled[turn] *= gyration;
-        }
-        let sigma = scaled.norm();
-        let Some(unit) = scaled.try_normalize(0.0) else {
+        let motion = scaled(&(covariance * axis / (excess * limit)), gyration);
+        let sigma = motion.norm();
+        let Some(unit) = motion.try_normalize(0.0) else {
             continue;
         };
         // The largest turn and the largest shift may be the same motion.
         if weak.iter().any(|(_, other, _)| other.dot(&unit).abs() > SAME_COSINE) {
             continue;
         }
-        let mut direction = unit;
-        for turn in 0..3 {
-            direction[turn] /= gyration;
-        }
-        let direction = direction.into();
+        let direction = unscaled(&unit, gyration).into();
         weak.push((excess, unit, WeakDirection { direction, sigma }));
     }
     weak.sort_by(|a, b| b.0.total_cmp(&a.0));

@@ -8,8 +8,8 @@
 use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
-use super::kernel::{Block, Kernel, LANE_COUNT, Work};
-use super::tree::{bounds, coherent_order};
+use super::kernel::{Block, Kernel, LANE_COUNT, Work, total};
+use super::tree::{Ball, coherent_order};
 
 /// Fixed points, each with a mass.
 pub(crate) struct Gaussians {
@@ -33,13 +33,6 @@ pub(crate) struct Affinity {
 pub(crate) struct Lookers {
     points: Vec<Point3<f64>>,
     balls: Vec<Ball>,
-}
-
-/// A ball about some points.
-#[derive(Debug, Clone, Copy)]
-struct Ball {
-    centre: Point3<f64>,
-    radius: f64,
 }
 
 impl Gaussians {
@@ -107,18 +100,6 @@ impl Lookers {
     }
 }
 
-impl Ball {
-    fn about<'a>(points: impl IntoIterator<Item = &'a Point3<f64>> + Clone) -> Self {
-        let (low, high) = bounds(points.clone());
-        let centre = nalgebra::center(&low, &high);
-        let squared = points.into_iter().map(|point| (point - centre).norm_squared());
-        Self {
-            centre,
-            radius: squared.fold(0.0, f64::max).sqrt(),
-        }
-    }
-}
-
 struct Affinities<'a> {
     blocks: &'a [Block],
     points: &'a [Point3<f64>],
@@ -162,7 +143,6 @@ fn affinity(blocks: &[Block], point: &Point3<f64>, exponent: f32) -> Affinity {
             squared[lane] += g * distance2;
         }
     }
-    let total = |lanes: &[f32; LANE_COUNT]| lanes.iter().map(|&value| f64::from(value)).sum::<f64>();
     Affinity {
         sum: total(&sum),
         offset: Vector3::new(total(&x), total(&y), total(&z)),
@@ -208,22 +188,14 @@ const POWERS: [f32; 6] = [
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn points(count: u32, phase: f64) -> Vec<Point3<f64>> {
-        (0..count)
-            .map(|i| {
-                let t = f64::from(i) * 0.7 + phase;
-                Point3::new(t.sin(), (1.3 * t).cos() * 0.7, (0.37 * t).sin() * 0.4)
-            })
-            .collect()
-    }
+    use crate::registration::testing::looped;
 
     #[test]
     fn affinities_are_the_sums_over_all_pairs() {
-        let fixed = points(333, 0.0);
+        let fixed = looped(333, 0.0);
         let masses: Vec<f64> = (0..333).map(|i| f64::from(i % 7) - 2.0).collect();
         let pose = Isometry3::new(Vector3::new(0.1, -0.05, 0.02), Vector3::new(0.1, 0.2, -0.3));
-        let lookers = Lookers::new(&points(71, 0.2));
+        let lookers = Lookers::new(&looped(71, 0.2));
         for sigma in [0.02, 0.2, 2.0] {
             let found = Gaussians::new(&fixed, Some(&masses)).affinities(&lookers, &pose, sigma);
             for (point, found) in lookers.points().iter().zip(found) {
@@ -247,11 +219,11 @@ mod tests {
 
     #[test]
     fn every_kernel_gives_the_same_bits() {
-        let lookers = Lookers::new(&points(71, 0.2));
+        let lookers = Lookers::new(&looped(71, 0.2));
         let with = |kernel| {
             let gaussians = Gaussians {
                 kernel,
-                ..Gaussians::new(&points(333, 0.0), None)
+                ..Gaussians::new(&looped(333, 0.0), None)
             };
             gaussians.affinities(&lookers, &Isometry3::identity(), 0.1)
         };
@@ -275,12 +247,12 @@ mod tests {
 
     #[test]
     fn nobody_claims_where_there_is_nobody() {
-        let lookers = Lookers::new(&points(3, 0.0));
+        let lookers = Lookers::new(&looped(3, 0.0));
         let found = Gaussians::new(&[], None).affinities(&lookers, &Isometry3::identity(), 0.1);
         assert!(found.iter().all(|affinity| affinity.sum == 0.0));
         let nobody = Lookers::new(&[]);
         assert!(
-            Gaussians::new(&points(3, 0.0), None)
+            Gaussians::new(&looped(3, 0.0), None)
                 .affinities(&nobody, &Isometry3::identity(), 0.1)
                 .is_empty()
         );

@@ -203,11 +203,16 @@ fn pull<const COUNT: usize>(blocks: &[Block], points: [&Point3<f64>; COUNT], sof
             }
         }
     }
-    let total = |lanes: &[f32; LANE_COUNT]| lanes.iter().map(|&value| f64::from(value)).sum::<f64>();
     std::array::from_fn(|i| Pull {
         force: Vector3::new(total(&fx[i]), total(&fy[i]), total(&fz[i])),
         energy: -total(&potential[i]),
     })
+}
+
+/// The sum of all lanes, in their order.
+#[inline(always)]
+pub(super) fn total(lanes: &[f32; LANE_COUNT]) -> f64 {
+    lanes.iter().map(|&value| f64::from(value)).sum()
 }
 
 /// Keeps the direction to a coinciding mass finite (it pulls nowhere).

@@ -20,7 +20,7 @@ use rayon::prelude::*;
 pub(crate) use self::gaussian::{Affinity, Gaussians, Lookers};
 use self::kernel::Block;
 pub use self::kernel::Kernel;
-use self::tree::Tree;
+use self::tree::{Ball, Tree};
 
 /// A fixed set of unit masses.
 pub struct Field {
@@ -112,13 +112,7 @@ impl Field {
             Masses::InTree(tree) => points
                 .par_chunks(GROUP_COUNT)
                 .map_init(Vec::new, |list, group| {
-                    let (low, high) = tree::bounds(group);
-                    let centre = nalgebra::center(&low, &high);
-                    let radius = group
-                        .iter()
-                        .map(|point| (point - centre).norm_squared())
-                        .fold(0.0, f64::max);
-                    tree.gather(&centre, radius.sqrt(), list);
+                    tree.gather(&Ball::about(group), list);
                     self.kernel.pulls(list, group, softening)
                 })
                 .collect::<Vec<_>>()
@@ -136,25 +130,17 @@ const GROUP_COUNT: usize = 32;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::registration::testing::looped;
     use nalgebra::Isometry3;
     use rand::RngExt;
     use rand_chacha::ChaCha8Rng;
     use rand_chacha::rand_core::SeedableRng;
 
-    fn points(count: u32, phase: f64) -> Vec<Point3<f64>> {
-        (0..count)
-            .map(|i| {
-                let t = f64::from(i) * 0.7 + phase;
-                Point3::new(t.sin(), (1.3 * t).cos() * 0.7, (0.37 * t).sin() * 0.4)
-            })
-            .collect()
-    }
-
     #[test]
     fn the_force_is_the_negative_gradient_of_the_energy() {
-        let field = Field::new(&points(100, 0.0));
+        let field = Field::new(&looped(100, 0.0));
         for softening in [0.02, 0.2, 1.0] {
-            for at in points(20, 0.31) {
+            for at in looped(20, 0.31) {
                 let h = 4e-3;
                 let at = at * 1.5;
                 let pull = field.pulls(&[at], softening)[0];
@@ -186,10 +172,10 @@ mod tests {
 
     #[test]
     fn every_kernel_gives_the_same_bits() {
-        let at = points(71, 0.2);
+        let at = looped(71, 0.2);
         for summation in [Summation::Pairs, Summation::Tree] {
             let with = |kernel| {
-                Field::summed(&points(333, 0.0), summation)
+                Field::summed(&looped(333, 0.0), summation)
                     .with_kernel(kernel)
                     .pulls(&at, 0.1)
             };
@@ -201,9 +187,9 @@ mod tests {
 
     #[test]
     fn any_number_of_threads_gives_the_same_bits() {
-        let at = points(3000, 0.2);
+        let at = looped(3000, 0.2);
         for summation in [Summation::Pairs, Summation::Tree] {
-            let field = Field::summed(&points(3000, 0.0), summation);
+            let field = Field::summed(&looped(3000, 0.0), summation);
             let with = |count| {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(count).build().unwrap();
                 pool.install(|| field.pulls(&at, 0.1))
@@ -272,7 +258,7 @@ mod tests {
         let masses = &clouds(3000, 1)[0];
         let field = Field::summed(masses, Summation::Tree);
         for softening in [0.05, 0.2, 1.0] {
-            for at in points(20, 0.31) {
+            for at in looped(20, 0.31) {
                 let pull = field.pulls(&[at], softening)[0];
                 let h = 0.01;
                 let slope = |axis: Vector3<f64>| {
@@ -293,7 +279,7 @@ mod tests {
         assert!((pull.force - Vector3::new(100.0 / 2.25, 0.0, 0.0)).norm() < 1e-4);
         assert!(field.pulls(&[Point3::from([f64::NAN; 3])], 0.5)[0].energy.is_nan());
         for wrong in [f64::NAN, f64::INFINITY, 1e200] {
-            let mut masses = points(100, 0.0);
+            let mut masses = looped(100, 0.0);
             masses[50].y = wrong;
             let field = Field::summed(&masses, Summation::Tree);
             assert_eq!(field.pulls(&masses, 0.5).len(), 100);

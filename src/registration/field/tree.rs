@@ -73,10 +73,10 @@ impl Tree {
         self.cells[index].next = self.cells.len() as u32;
     }
 
-    /// Fills `list` with the masses that points within `radius` of `centre` look at.
-    pub(super) fn gather(&self, centre: &Point3<f64>, radius: f64, list: &mut Vec<Block>) {
-        let centre = centre.cast::<f32>();
-        let radius = radius as f32;
+    /// Fills `list` with the masses that points in `ball` look at.
+    pub(super) fn gather(&self, ball: &Ball, list: &mut Vec<Block>) {
+        let centre = ball.centre.cast::<f32>();
+        let radius = ball.radius as f32;
         let mut far = Block::EMPTY;
         let mut lane = 0;
         let mut index = 0;
@@ -103,6 +103,26 @@ impl Tree {
         }
         if lane > 0 {
             list.push(far);
+        }
+    }
+}
+
+/// A ball about some points.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Ball {
+    pub(super) centre: Point3<f64>,
+    pub(super) radius: f64,
+}
+
+impl Ball {
+    /// The one about the middle of the points' box.
+    pub(super) fn about<'a>(points: impl IntoIterator<Item = &'a Point3<f64>> + Clone) -> Self {
+        let (low, high) = bounds(points.clone());
+        let centre = nalgebra::center(&low, &high);
+        let squared = points.into_iter().map(|point| (point - centre).norm_squared());
+        Self {
+            centre,
+            radius: squared.fold(0.0, f64::max).sqrt(),
         }
     }
 }
@@ -136,7 +156,7 @@ fn halves<'a>(points: &[Point3<f64>], indices: &'a mut [usize]) -> (&'a mut [usi
 }
 
 /// The corners of the box about some points.
-pub(super) fn bounds<'a>(points: impl IntoIterator<Item = &'a Point3<f64>>) -> (Point3<f64>, Point3<f64>) {
+fn bounds<'a>(points: impl IntoIterator<Item = &'a Point3<f64>>) -> (Point3<f64>, Point3<f64>) {
     let mut low = Point3::from([f64::INFINITY; 3]);
     let mut high = Point3::from([f64::NEG_INFINITY; 3]);
     for point in points {

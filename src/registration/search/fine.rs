@@ -176,7 +176,7 @@ impl Work<'_> {
         })
     }
 
-    fn is_distinct(&self, a: &Isometry3<f64>, b: &Isometry3<f64>) -> bool {
+    pub(super) fn is_distinct(&self, a: &Isometry3<f64>, b: &Isometry3<f64>) -> bool {
         distinct(a, b, &self.problem.centroid, self.problem.radius)
     }
 }

@@ -37,7 +37,7 @@ pub(super) fn run(
     let solved = work.as_ref().and_then(|work| work.solve(start, &mut rng, &mut stages));
     let overlap_distance = overlap_distance(settings, reference);
     let solved = solved.map(|solved| {
-        let (overlap, rmse) = residuals(template, reference, &solved.fine.pose, overlap_distance);
+        let (overlap, rmse) = residuals(template.points(), reference, &solved.fine.pose, overlap_distance);
         (solved, overlap, rmse)
     });
     if let (Some(work), Some((solved, overlap, rmse))) = (&work, solved)
@@ -63,7 +63,7 @@ pub(super) fn run(
             stages: stages.ended,
         };
     }
-    let (overlap, rmse) = residuals(template, reference, start, overlap_distance);
+    let (overlap, rmse) = residuals(template.points(), reference, start, overlap_distance);
     Registration {
         reference_from_template: *start,
         status: Status::Failed,

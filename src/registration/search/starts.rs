@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use super::super::Search;
-use super::super::coarse::distinct;
+use super::super::distinct::add_distinct;
 use super::super::facing::Sides;
 use super::super::icp::Sample;
 use super::super::mpe::{Descent, descend};
@@ -40,7 +40,7 @@ impl Work<'_> {
     pub(super) fn add_global_candidates(&self, candidates: &mut Vec<Isometry3<f64>>, rng: &mut ChaCha8Rng) -> u32 {
         let few = self.sample(GLOBAL_COUNT, rng).points;
         let whole = self.reference_sample(GLOBAL_COUNT, rng);
-        let mut descents: Vec<Descent> = spread_rotations()
+        let mut descents: Vec<Descent> = cube_rotations()
             .into_par_iter()
             .map(|turn| {
                 let pose = Translation3::from(self.reference.centroid().coords)
@@ -50,16 +50,9 @@ impl Work<'_> {
             })
             .collect();
         descents.sort_by(|a, b| a.energy.total_cmp(&b.energy));
-        let limit = candidates.len() + GLOBAL_KEPT_COUNT;
-        for descent in &descents {
-            let pose = descent.reference_from_template;
-            let known = candidates
-                .iter()
-                .any(|other| !distinct(other, &pose, &self.problem.centroid, self.problem.radius));
-            if !known && candidates.len() < limit {
-                candidates.push(pose);
-            }
-        }
+        let poses = descents.iter().map(|descent| descent.reference_from_template);
+        let max_count = candidates.len() + GLOBAL_KEPT_COUNT;
+        add_distinct(candidates, poses, max_count, |a, b| self.is_distinct(a, b));
         descents.iter().map(|descent| descent.iterations).sum()
     }
 
@@ -125,7 +118,7 @@ impl Work<'_> {
 }
 
 /// The 24 rotations of a cube: no rotation is more than 63 degrees from one of them.
-fn spread_rotations() -> Vec<UnitQuaternion<f64>> {
+fn cube_rotations() -> Vec<UnitQuaternion<f64>> {
     let quarter = std::f64::consts::FRAC_PI_2;
     let faces = [
         UnitQuaternion::identity(),
@@ -159,8 +152,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_spread_rotations_are_24_different_ones() {
-        let all = spread_rotations();
+    fn the_rotations_of_a_cube_are_24_different_ones() {
+        let all = cube_rotations();
         assert_eq!(all.len(), 24);
         for (index, a) in all.iter().enumerate() {
             assert!(all[..index].iter().all(|b| (a.inverse() * b).angle() > 1.0));
