@@ -5,6 +5,7 @@ mod cli;
 mod faults;
 mod floors;
 mod register;
+mod robot;
 mod runs;
 mod settings;
 mod support;

@@ -324,6 +324,13 @@ impl Simulator {
         Self { process, ready }
     }
 
+    /// What it says of one of its links.
+    pub fn ready(&self, link: &str) -> &str {
+        self.ready[link]
+            .as_str()
+            .unwrap_or_else(|| panic!("no {link} in {}", self.ready))
+    }
+
     /// Where its robot listens.
     pub fn robot(&self) -> &str {
         self.ready["hses"].as_str().unwrap()

@@ -75,10 +75,14 @@ pub(super) fn builtin_station() -> Read<Station> {
     }
 }
 
-/// The built-in station with another link or another way to move, each by its word in a station file.
+/// The built-in station, if need be with another link or another way to move, each by its word in a station file.
 pub(super) fn builtin_station_with(link: &str, motion: &str) -> Read<Station> {
+    let station = builtin_station();
+    if (link, motion) == ("hses", "direct") {
+        return station;
+    }
     let robot = format!("[robot]\nlink = \"{link}\"\nmotion = \"{motion}\"\n");
-    let text = Station::BUILTIN_SIMULATED_TEXT.replacen("[robot]\n", &robot, 1);
+    let text = station.text.replacen("[robot]\n", &robot, 1);
     let meaning = Station::parse("the built-in station", &text).expect("its words are those of the station's keys");
     Read { text, meaning }
 }

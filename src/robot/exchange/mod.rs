@@ -210,6 +210,10 @@ impl Exchange {
 
     /// When [`Self::handle_wake`] wants to be called next.
     pub fn wake_at(&self) -> Option<Stamp> {
+        if !self.events.is_empty() {
+            // Something said in answer to an event could not be said: nothing else would ever ask for that news.
+            return Some(Stamp::START);
+        }
         let wire_is_free = self.wire.is_free();
         let of = |said: &Option<Said>| match said.as_ref()?.phase {
             Phase::Due(at) => wire_is_free.then_some(at),
@@ -458,6 +462,16 @@ mod tests {
                 ..
             })
         ));
+    }
+
+    #[test]
+    fn what_cannot_be_said_is_told_without_waiting_for_anything() {
+        let mut exchange = Exchange::new(SETTINGS);
+        exchange.say(at(5), Command::JobNames);
+        assert!(drain(&mut exchange).is_empty());
+        assert!(exchange.wake_at().is_some_and(|wake| wake <= at(5)));
+        assert!(matches!(exchange.poll_event(), Some(RobotEvent::Unsayable { .. })));
+        assert_eq!(exchange.wake_at(), None);
     }
 
     #[test]

@@ -25,6 +25,8 @@ enum Carrier {
     Host {
         link: Box<dyn HostLink>,
         serving: Option<Serving>,
+        /// A serial line that has ended stays so; why.
+        ended: Option<String>,
     },
 }
 
@@ -53,7 +55,11 @@ pub(super) enum Outcome {
 
 impl Wire {
     pub(super) fn new(settings: &ExchangeSettings) -> Self {
-        let host = |link| Carrier::Host { link, serving: None };
+        let host = |link| Carrier::Host {
+            link,
+            serving: None,
+            ended: None,
+        };
         let carrier = match settings.protocol {
             Protocol::Hses => Carrier::Hses { next_id: 1 },
             Protocol::HostControl => host(Box::new(TcpLink::new(TcpSettings {
@@ -61,7 +67,12 @@ impl Wire {
                 answer_timeout_ms: settings.answer_timeout_ms.max(LINE_MS_MIN),
                 give_up_ms: settings.answer_timeout_ms,
             }))),
-            Protocol::Serial => host(Box::new(SerialLink::new(SerialSettings::default()))),
+            Protocol::Serial => host(Box::new(SerialLink::new(SerialSettings {
+                timer_a_ms: settings.answer_timeout_ms.max(LINE_MS_MIN),
+                retry_1: SERIAL_RETRIES,
+                answer_timeout_ms: settings.answer_timeout_ms.max(SERIAL_ANSWER_MS_MIN),
+                ..SerialSettings::default()
+            }))),
         };
         Self {
             carrier,
@@ -74,7 +85,7 @@ impl Wire {
     pub(super) fn is_free(&self) -> bool {
         match &self.carrier {
             Carrier::Hses { .. } => true,
-            Carrier::Host { link, serving } => serving.is_none() && link.is_idle(),
+            Carrier::Host { link, serving, ended } => ended.is_some() || serving.is_none() && link.is_idle(),
         }
     }
 
@@ -105,7 +116,10 @@ impl Wire {
                 });
                 Ok(id)
             }
-            Carrier::Host { link, serving } => {
+            Carrier::Host {
+                ended: Some(reason), ..
+            } => Err(format!("the serial line has ended: {reason}")),
+            Carrier::Host { link, serving, .. } => {
                 let mut parts = OneByOne::new(command);
                 let part = parts.next().ok_or("nothing to read or write")?;
                 link.say(now, &part).map_err(|error| error.to_string())?;
@@ -117,7 +131,7 @@ impl Wire {
 
     /// Stops waiting for what is open.
     pub(super) fn give_up(&mut self, now: Stamp) {
-        if let Carrier::Host { link, serving } = &mut self.carrier {
+        if let Carrier::Host { link, serving, .. } = &mut self.carrier {
             link.give_up(now);
             *serving = None;
         }
@@ -128,7 +142,18 @@ impl Wire {
     }
 
     pub(super) fn handle_closed(&mut self, now: Stamp, reason: &str) {
-        self.host(now, |link| link.handle_closed(now, reason));
+        if let Carrier::Host { link, serving, ended } = &mut self.carrier
+            && !link.can_be_reopened()
+        {
+            *ended = Some(reason.to_owned());
+            let reason = reason.to_owned();
+            self.heard.push_back(Heard::Lost { reason });
+            if let Some(Serving { slot, .. }) = serving.take() {
+                self.heard.push_back(Heard::Of(slot, Outcome::Silent));
+            }
+        } else {
+            self.host(now, |link| link.handle_closed(now, reason));
+        }
     }
 
     /// `sent` is what is on its way in the two slots, the safe one first, with its ids.
@@ -147,6 +172,7 @@ impl Wire {
     pub(super) fn wake_at(&self) -> Option<Stamp> {
         match &self.carrier {
             Carrier::Hses { .. } => None,
+            Carrier::Host { ended: Some(_), .. } => None,
             Carrier::Host { link, .. } => link.wake_at(),
         }
     }
@@ -205,7 +231,7 @@ impl Wire {
 
     /// Lets the link of host control do something, and takes what it has heard.
     fn host(&mut self, now: Stamp, act: impl FnOnce(&mut dyn HostLink)) {
-        let Carrier::Host { link, serving } = &mut self.carrier else {
+        let Carrier::Host { link, serving, .. } = &mut self.carrier else {
             return;
         };
         act(link.as_mut());
@@ -247,3 +273,6 @@ impl Wire {
 const HOST_PAUSE_MS: u64 = 100;
 const CONNECT_MS_MIN: u64 = 1000;
 const LINE_MS_MIN: u64 = 1000;
+/// The exchange asks again as well.
+const SERIAL_RETRIES: u32 = 2;
+const SERIAL_ANSWER_MS_MIN: u64 = 3000;

@@ -7,6 +7,8 @@ use std::fmt::Debug;
 
 /// A link of host control.
 pub trait HostLink: Debug + Send {
+    /// Whether its connection can be opened again when it has ended.
+    fn can_be_reopened(&self) -> bool;
     /// Whether a command can be said.
     fn is_idle(&self) -> bool;
     /// Says `command`; only when idle.
@@ -34,6 +36,10 @@ pub trait HostLink: Debug + Send {
 }
 
 impl HostLink for TcpLink {
+    fn can_be_reopened(&self) -> bool {
+        true
+    }
+
     fn is_idle(&self) -> bool {
         self.is_idle()
     }
@@ -77,6 +83,10 @@ impl HostLink for TcpLink {
 
 /// A serial line is open or it is not: nothing connects it.
 impl HostLink for SerialLink {
+    fn can_be_reopened(&self) -> bool {
+        false
+    }
+
     fn is_idle(&self) -> bool {
         self.is_idle()
     }

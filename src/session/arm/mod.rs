@@ -267,9 +267,7 @@ impl Arm {
                     (self.heard, self.garbled_in_a_row) = (true, 0);
                     self.handle_refusal(now, &command, refusal);
                 }
-                RobotEvent::Unsayable { command, reason } => {
-                    self.fault(FaultCode::RobotRefused, format!("{}: {reason}", command.name()));
-                }
+                RobotEvent::Unsayable { command, reason } => self.handle_unsayable(now, &command, &reason),
                 RobotEvent::Lost { reason } => {
                     self.events
                         .push_back(ArmEvent::Dropped(format!("connection lost: {reason}")));
@@ -409,6 +407,17 @@ impl Arm {
             }
             (command, _) => self.fault(FaultCode::RobotRefused, format!("{}: {words}", command.name())),
         }
+    }
+
+    fn handle_unsayable(&mut self, now: Stamp, command: &Command, reason: &str) {
+        let code = match (command, &self.state, &self.lost) {
+            // Letting go ends without a word where there is no wire.
+            (Command::ServoOff, _, _) | (_, State::EndingJob, _) => return self.handle_silence(now, command),
+            (Command::HoldOn, _, _) => FaultCode::RobotNotHeld,
+            (_, _, Some(_)) => FaultCode::RobotUnreachable,
+            (_, _, None) => FaultCode::RobotRefused,
+        };
+        self.fault(code, format!("{}: {reason}", command.name()));
     }
 
     fn handle_silence(&mut self, now: Stamp, command: &Command) {
