@@ -67,6 +67,18 @@ pub enum PlanError {
         /// The greatest allowed, in mm.
         max_mm: f64,
     },
+    /// Two poses one after the other are too far apart.
+    #[error(
+        "view {view_index}: the tool would turn by {angle_deg:.3}° from the view before, the station allows {max_deg}°"
+    )]
+    StepTooLarge {
+        /// The view at the end of the step.
+        view_index: usize,
+        /// The angle between the two poses, in degrees.
+        angle_deg: f64,
+        /// The largest allowed, in degrees.
+        max_deg: f64,
+    },
     /// The scan job has fewer position variables than the plan has views.
     #[error(
         "{view_count} views need as many position variables of the robot, the station's scan job has {position_count} \
@@ -88,7 +100,7 @@ impl Plan {
     ///
     /// # Errors
     ///
-    /// The first pose whose tool position lies outside the workspace, or more views than the scan job has positions. Reach, joint limits and collisions are not checked.
+    /// The first pose whose tool position lies outside the workspace, a step beyond the station's largest angle, or more views than the scan job has positions. Reach, joint limits and collisions are not checked.
     pub fn new(recipe: &Recipe, station: &Station, seed: Seed) -> Result<Self, PlanError> {
         let mut generator = seed.stream(Stream::Tilt);
         let mut tilt_rad = || recipe.views.tilt_max_rad * (2.0 * generator.random::<f64>() - 1.0);
@@ -106,10 +118,11 @@ impl Plan {
                 position_count: job.position_count(),
             });
         }
-        let moves = views
+        let moves: Vec<PlannedMove> = views
             .windows(2)
             .map(|pair| planned_move(&pair[0], &pair[1], &station.robot))
             .collect();
+        check_steps(&moves, station.robot.step_angle_max_rad)?;
         Ok(Self {
             views,
             moves,
@@ -143,6 +156,17 @@ impl Plan {
     /// Estimated time for all [`moves`](Self::moves), without exposures.
     pub fn moves_duration_ns(&self) -> u64 {
         self.moves.iter().map(|planned| planned.duration_ns).sum()
+    }
+}
+
+fn check_steps(moves: &[PlannedMove], max_rad: f64) -> Result<(), PlanError> {
+    match moves.iter().find(|planned| planned.angle_rad > max_rad + ROUNDING_RAD) {
+        None => Ok(()),
+        Some(planned) => Err(PlanError::StepTooLarge {
+            view_index: planned.to_index,
+            angle_deg: planned.angle_rad.to_degrees(),
+            max_deg: max_rad.to_degrees(),
+        }),
     }
 }
 
@@ -203,6 +227,9 @@ fn planned_move(from: &PlannedView, to: &PlannedView, robot: &RobotLink) -> Plan
         duration_ns: (moving_s * 1e9).round() as u64 + robot.settle_ns,
     }
 }
+
+/// A step that is exactly the largest allowed may be wider by the rounding of its poses.
+const ROUNDING_RAD: f64 = 1e-9;
 
 #[cfg(test)]
 mod tests {

@@ -8,6 +8,7 @@ mod register;
 mod robot;
 mod runs;
 mod settings;
+mod stations;
 mod support;
 mod two_readings;
 mod virtual_time;

@@ -13,7 +13,7 @@ use bladescan::settings::{
 use miette::{GraphicalReportHandler, GraphicalTheme};
 use nalgebra::{Point3, Vector3};
 
-const RECIPE: &str = r#"name = "probe"
+pub const RECIPE: &str = r#"name = "probe"
 
 [blade]
 cad = "builtin:hpt-a"
@@ -32,7 +32,7 @@ optics = "fine"
 overlap_min_fraction = 0.5
 "#;
 
-const STATION: &str = r#"name = "probe"
+pub const STATION: &str = r#"name = "probe"
 kind = "cell"
 
 [robot]

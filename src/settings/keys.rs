@@ -243,6 +243,7 @@ pub const STATION_KEYS: &[Key] = &[
     default("robot.hold_timeout_ms", integer(100.0, 60_000.0, "ms"), "5000"),
     default("robot.position_tolerance_mm", number(0.001, 10.0, "mm"), "0.05"),
     default("robot.rotation_tolerance_deg", number(0.0001, 5.0, "deg"), "0.01"),
+    default("robot.step_angle_max_deg", number(0.1, 180.0, "deg"), "180.0"),
     required("robot.workspace.min_mm", numbers(3, -10_000.0, 10_000.0, "mm")),
     required("robot.workspace.max_mm", numbers(3, -10_000.0, 10_000.0, "mm")),
     optional(

@@ -181,6 +181,8 @@ pub struct RobotLink {
     pub position_tolerance_mm: f64,
     /// Largest angle between commanded and reported orientation, 0.0001° to 5° in rad.
     pub rotation_tolerance_rad: f64,
+    /// The largest angle between two poses of a plan, 0.1° to 180° in rad.
+    pub step_angle_max_rad: f64,
     /// Where the tool may be.
     pub workspace: Workspace,
 }
@@ -335,6 +337,7 @@ fn robot_link(source: &Source, written: &RobotFile) -> Result<RobotLink, Setting
         hold_timeout_ns: written.hold_timeout_ms * NS_PER_MS,
         position_tolerance_mm: written.position_tolerance_mm,
         rotation_tolerance_rad: written.rotation_tolerance_deg.to_radians(),
+        step_angle_max_rad: written.step_angle_max_deg.to_radians(),
         workspace: workspace(source, &written.workspace)?,
     })
 }

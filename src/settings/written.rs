@@ -126,6 +126,7 @@ pub(super) struct RobotFile {
     pub(super) hold_timeout_ms: u64,
     pub(super) position_tolerance_mm: f64,
     pub(super) rotation_tolerance_deg: f64,
+    pub(super) step_angle_max_deg: f64,
     pub(super) workspace: WorkspaceFile,
 }
 
