@@ -39,12 +39,13 @@ pub(crate) fn run(arguments: &GoldenArguments) -> Result<(), Box<dyn Error>> {
     for file in &arguments.files {
         let vectors: Vec<Value> = serde_json::from_slice(&std::fs::read(file)?)?;
         let mut tally = Tally::default();
-        if vectors.iter().any(|vector| vector["dir"].is_string()) {
+        let is_recording = vectors.iter().any(|vector| vector["dir"].is_string());
+        if is_recording {
             for (what, right) in crate::bsc::check(&vectors)? {
                 writeln!(out, "{}", tally.check(right, "serial", &what))?;
             }
         }
-        for vector in vectors.iter().filter(|vector| !vector["dir"].is_string()) {
+        for vector in vectors.iter().filter(|_| !is_recording) {
             let lines = match vector["name"].as_str() {
                 Some(name) => frame(name, &bytes(&vector["hex"])?, &mut tally),
                 None => operation(vector, &mut tally)?,
