@@ -116,6 +116,8 @@ enum State {
     Holding {
         confirmed: bool,
     },
+    /// Stands on our hold; the scan job is put back to its first line.
+    Rewinding,
     Held,
     /// The scan job is told to end, before servo power goes.
     EndingJob,
@@ -167,7 +169,7 @@ impl Arm {
     pub fn hold(&mut self, now: Stamp) {
         if matches!(
             self.state,
-            State::Holding { .. } | State::Held | State::EndingJob | State::Parking | State::Over
+            State::Holding { .. } | State::Rewinding | State::Held | State::EndingJob | State::Parking | State::Over
         ) {
             return;
         }
@@ -178,8 +180,7 @@ impl Arm {
             self.exchange.say(now, Command::HoldOn);
         } else {
             // Nobody ever answered, so nothing was ever started.
-            self.state = State::Held;
-            self.events.push_back(ArmEvent::Held);
+            self.be_held();
         }
     }
 
@@ -331,6 +332,7 @@ impl Arm {
             (Command::HoldOff, State::Readying(_)) => self.ask_status(now),
             (Command::Write { .. }, State::Readying(_)) => self.poll_later(now),
             (Command::Write { .. }, State::EndingJob) => self.switch_servo_off(now),
+            (_, State::Rewinding) => self.be_held(),
             _ => {}
         }
     }
@@ -346,10 +348,7 @@ impl Arm {
             State::Standing => self.stand(now, status),
             State::Travelling(_) => self.follow(now, status),
             State::Holding { confirmed: true } if status.running() => self.poll_later(now),
-            State::Holding { confirmed: true } => {
-                self.state = State::Held;
-                self.events.push_back(ArmEvent::Held);
-            }
+            State::Holding { confirmed: true } => self.rewind(now),
             _ => {}
         }
     }
@@ -392,6 +391,7 @@ impl Arm {
             (Command::HoldOn, _) => self.fault(FaultCode::RobotNotHeld, format!("hold refused: {words}")),
             (Command::ServoOff, _) => self.finish_parking(),
             (_, State::EndingJob) => self.switch_servo_off(now),
+            (_, State::Rewinding) => self.be_held(),
             (_, State::Held | State::Holding { .. } | State::Parking | State::Over) => {}
             (Command::Move(_), State::Travelling(travel)) if refusal.added_status == STILL_MOVING => {
                 travel.uncertain = true;
@@ -420,6 +420,7 @@ impl Arm {
             }
             (_, Command::ServoOff, _) => self.finish_parking(),
             (_, _, State::EndingJob) => self.switch_servo_off(now),
+            (_, _, State::Rewinding) => self.be_held(),
             (Kind::Act, Command::Move(_), State::Travelling(travel)) => {
                 travel.uncertain = true;
                 self.ask_status(now);
@@ -444,6 +445,23 @@ impl Arm {
                 );
             }
         }
+    }
+
+    /// The arm stands on our hold. A start that comes late must not go on with an interrupted move of the scan job, so
+    /// the job is put back before anybody relies on the hold. If that fails the hold stands all the same.
+    fn rewind(&mut self, now: Stamp) {
+        match self.orders.as_ref().and_then(Orders::rewinding) {
+            Some(rewinding) => {
+                self.state = State::Rewinding;
+                self.exchange.say(now, rewinding);
+            }
+            None => self.be_held(),
+        }
+    }
+
+    fn be_held(&mut self) {
+        self.state = State::Held;
+        self.events.push_back(ArmEvent::Held);
     }
 
     fn read_alarm(&mut self, now: Stamp) {

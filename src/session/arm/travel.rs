@@ -45,7 +45,7 @@ impl Arm {
                 (Said::Move(said), Command::Move(said))
             }
             Some(orders) => {
-                let (number, command) = orders.next(target_index, speed);
+                let (number, command) = orders.next(now, target_index, speed);
                 (Said::Order(number), command)
             }
         };
@@ -94,9 +94,9 @@ impl Arm {
             let seen = format!("the scan job stopped before the pose was reached: {}", counters.words());
             return self.fault(FaultCode::RobotJob, seen);
         }
-        let beat = orders.beat();
+        let command = orders.said_again(now).unwrap_or_else(|| orders.beat());
         if self.in_time(now) {
-            self.exchange.say(now, beat);
+            self.exchange.say(now, command);
         }
     }
 
