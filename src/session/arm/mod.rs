@@ -397,12 +397,16 @@ impl Arm {
                 travel.uncertain = true;
                 self.ask_status(now);
             }
+            // The start came twice, or nothing stands still yet; the next look finds out.
+            (Command::StartJob, State::Loading(_)) if refusal.added_status == STILL_MOVING => self.load_on(now),
             (Command::Alarm(_), _) => self.fault(FaultCode::RobotAlarm, format!("the alarm cannot be read: {words}")),
             (_, _) if refusal.added_status == ALARM_PRESENT => self.read_alarm(now),
             (_, _) if HELD_BY_SOMEBODY.contains(&refusal.added_status) => {
                 self.events.push_back(ArmEvent::HeldElsewhere);
             }
+            (_, _) if refusal.added_status == NOT_REMOTE => self.fault(FaultCode::RobotNotRemote, words),
             (Command::ServoOn, _) => self.fault(FaultCode::RobotServo, words),
+            (_, _) if refusal.added_status == SERVO_IS_OFF => self.fault(FaultCode::RobotServo, words),
             (Command::SelectJob { job, .. }, _) if refusal.added_status == NO_SUCH_JOB => {
                 let seen = format!("the scan job {job} is not on the controller: put it there (docs/robot)");
                 self.fault(FaultCode::RobotJob, seen);
@@ -507,6 +511,8 @@ const IDLE_POLL_MS: u64 = 500;
 const GARBLED_MAX: u32 = 3;
 const STILL_MOVING: u16 = 0x2010;
 const ALARM_PRESENT: u16 = 0x2060;
+const SERVO_IS_OFF: u16 = 0x2070;
+const NOT_REMOTE: u16 = 0x2100;
 const NO_SUCH_JOB: u16 = 0x4040;
 /// Hold by pendant, panel or an external signal.
 const HELD_BY_SOMEBODY: [u16; 3] = [0x2020, 0x2030, 0x2040];
