@@ -105,8 +105,8 @@ pub enum Kind {
     Ask,
     /// Towards the safe side: repeated until confirmed, waits for nothing.
     Set,
-    /// Sent again on time-out like an ask, because a job on the controller carries out each number once; but a motion
-    /// may follow, so the record of what caused it comes first.
+    /// Sent again on time-out like an ask, because twice does no more than once: a job on the controller carries out each
+    /// number once, and is selected. But a motion may follow, so the record of what caused it comes first.
     Order,
     /// Sent once.
     Act,
@@ -213,13 +213,12 @@ impl Command {
             | Self::ShowText(_)
             | Self::Write { .. } => Kind::Ask,
             Self::HoldOn | Self::ServoOff => Kind::Set,
-            Self::Order { .. } => Kind::Order,
+            Self::Order { .. } | Self::SelectJob { .. } => Kind::Order,
             Self::HoldOff
             | Self::ServoOn
             | Self::AlarmReset
             | Self::ErrorCancel
             | Self::SetCycle(_)
-            | Self::SelectJob { .. }
             | Self::DeleteJob { .. }
             | Self::StartJob
             | Self::WriteSignals { .. }

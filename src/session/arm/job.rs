@@ -34,6 +34,8 @@ pub(super) struct Orders {
     poses_loaded: bool,
     /// The job may be running because of us.
     started: bool,
+    /// The order that is to be carried out.
+    open: Option<(Command, Stamp)>,
 }
 
 /// What the job and bladescan tell each other.
@@ -78,6 +80,7 @@ impl Orders {
             beat: 0,
             poses_loaded: false,
             started: false,
+            open: None,
         }
     }
 
@@ -87,7 +90,7 @@ impl Orders {
     }
 
     /// The next order: to the pose of this index.
-    pub(super) fn next(&mut self, target_index: usize, speed: Speed) -> (i32, Command) {
+    pub(super) fn next(&mut self, now: Stamp, target_index: usize, speed: Speed) -> (i32, Command) {
         self.number = self.number % NUMBER_MAX + 1;
         let class = i32::from(matches!(speed, Speed::Turn(_)));
         let position = i32::from(self.settings.position_first) + target_index as i32;
@@ -95,7 +98,18 @@ impl Orders {
             variable: self.settings.variable_first,
             value: self.number * NUMBER_UNIT + class * CLASS_UNIT + position,
         };
+        self.open = Some((command.clone(), now));
         (self.number, command)
+    }
+
+    /// The open order, if it is time to say it again: another that came late may have been written over it, and the job
+    /// takes each number once.
+    pub(super) fn said_again(&mut self, now: Stamp) -> Option<Command> {
+        let (command, said_at) = self.open.as_mut()?;
+        (now.ms_since(*said_at) >= ORDER_REPEAT_MS).then(|| {
+            *said_at = now;
+            command.clone()
+        })
     }
 
     /// Somebody is here.
@@ -119,6 +133,19 @@ impl Orders {
     /// The order that ends the job.
     pub(super) fn order_to_end(&self) -> Command {
         write(self.variable(ORDER), Values::Double(vec![0]))
+    }
+
+    /// Puts the job back to its first line, if it may be anywhere else because of us: no start goes on with a move that was
+    /// interrupted.
+    pub(super) fn rewinding(&self) -> Option<Command> {
+        self.started.then(|| self.select())
+    }
+
+    fn select(&self) -> Command {
+        Command::SelectJob {
+            job: self.settings.name.clone(),
+            line: 0,
+        }
     }
 
     /// The order that ends the job, if it may be running because of us.
@@ -200,10 +227,7 @@ impl Arm {
                 first,
                 count: values.count() as u16,
             },
-            Step::Select => Command::SelectJob {
-                job: orders.settings.name.clone(),
-                line: 0,
-            },
+            Step::Select => orders.select(),
             Step::Selected => Command::ExecutingJob,
             Step::Start => {
                 orders.started = true;
@@ -281,43 +305,55 @@ impl Arm {
                 steps.push((first, Values::Position(values.collect())));
             }
         }
-        let shared = [
-            orders.number * NUMBER_UNIT,
-            orders.number,
-            orders.beat,
-            0,
+        let settings = [
             tenths(self.settings.speed_mm_s) as i32,
             tenths(self.settings.rotation_speed_rad_s.to_degrees()) as i32,
             orders.settings.patience,
-            0,
         ];
-        steps.push((orders.variable(ORDER), Values::Double(shared.to_vec())));
+        // Nothing that the job writes: what is written here may come again late. The job begins to count at the order
+        // that it finds when it starts, so that one is looked at last.
+        steps.push((orders.variable(SPEED), Values::Double(settings.to_vec())));
+        let begin = vec![orders.number * NUMBER_UNIT];
+        let begin = (orders.variable(ORDER), Values::Double(begin));
         loading.steps = steps
             .into_iter()
+            .chain([begin.clone()])
             .flat_map(|(first, values)| [Step::Write(first, values.clone()), Step::Compare(first, values)])
-            .chain([Step::Select, Step::Selected, Step::Start, Step::Waits])
+            .chain([
+                Step::Select,
+                Step::Selected,
+                Step::Compare(begin.0, begin.1),
+                Step::Start,
+                Step::Waits,
+            ])
             .collect();
         self.load_on(now);
     }
 
     pub(super) fn look_whether_the_job_waits(&mut self, now: Stamp) {
         if let Some(orders) = &self.orders {
-            let look = orders.read(STATE, JOB_VERSION - STATE + 1);
+            let look = orders.read(DONE, JOB_VERSION - DONE + 1);
             self.exchange.say(now, look);
         }
     }
 
     fn decide_waiting(&mut self, now: Stamp, values: &Values) {
         let State::Loading(loading) = &self.state else { return };
-        let Values::Double(shared) = values else { return };
-        match (shared.first(), shared.last()) {
-            (Some(&WAITING), Some(&VERSION)) => self.stand_ready(now),
-            (Some(&WAITING), Some(version)) => {
+        let (Values::Double(shared), Some(orders)) = (values, &self.orders) else {
+            return;
+        };
+        let of = |offset: u16| shared.get(usize::from(offset - DONE)).copied();
+        // The number is new: only this start of the job can have counted it.
+        let is_counted = of(DONE) == Some(orders.number) && of(STATE) == Some(WAITING);
+        match of(JOB_VERSION) {
+            Some(VERSION) if is_counted => self.stand_ready(now),
+            Some(version) if is_counted => {
                 let seen = format!("the scan job is version {version}, not {VERSION}: put the right one there");
                 self.fault(FaultCode::RobotJob, seen);
             }
             _ if now.ms_since(loading.since) >= self.settings.servo_timeout_ms.max(LOADING_MS_MIN) => {
-                self.fault(FaultCode::RobotJob, "the scan job does not start");
+                let seen = format!("the scan job does not start, or is not version {VERSION}");
+                self.fault(FaultCode::RobotJob, seen);
             }
             _ => self.ask_status(now),
         }
@@ -370,15 +406,18 @@ const ORDER: u16 = 0;
 const DONE: u16 = 1;
 const BEAT: u16 = 2;
 const STATE: u16 = 3;
+const SPEED: u16 = 4;
 const JOB_VERSION: u16 = 7;
 /// The state of a job that waits for orders.
 const WAITING: i32 = 1;
 /// The version of `docs/robot/BLADESCAN.JBI` that this speaks to.
-const VERSION: i32 = 1;
+const VERSION: i32 = 2;
 const NUMBER_UNIT: i32 = 10_000;
 const CLASS_UNIT: i32 = 1000;
 const NUMBER_MAX: i32 = 200_000;
 const NUMBERS_SKIPPED: i32 = 1000;
 const BEAT_MAX: i32 = 1_000_000_000;
+/// After so long an order that is not carried out yet is said again.
+const ORDER_REPEAT_MS: u64 = 1000;
 const START_ATTEMPTS_MAX: u32 = 3;
 const LOADING_MS_MIN: u64 = 30_000;

@@ -116,6 +116,8 @@ enum State {
     Holding {
         confirmed: bool,
     },
+    /// Stands on our hold; the scan job is put back to its first line.
+    Rewinding,
     Held,
     /// The scan job is told to end, before servo power goes.
     EndingJob,
@@ -167,7 +169,7 @@ impl Arm {
     pub fn hold(&mut self, now: Stamp) {
         if matches!(
             self.state,
-            State::Holding { .. } | State::Held | State::EndingJob | State::Parking | State::Over
+            State::Holding { .. } | State::Rewinding | State::Held | State::EndingJob | State::Parking | State::Over
         ) {
             return;
         }
@@ -178,8 +180,7 @@ impl Arm {
             self.exchange.say(now, Command::HoldOn);
         } else {
             // Nobody ever answered, so nothing was ever started.
-            self.state = State::Held;
-            self.events.push_back(ArmEvent::Held);
+            self.be_held();
         }
     }
 
@@ -329,6 +330,7 @@ impl Arm {
             (Command::HoldOff, State::Readying(_)) => self.ask_status(now),
             (Command::Write { .. }, State::Readying(_)) => self.poll_later(now),
             (Command::Write { .. }, State::EndingJob) => self.switch_servo_off(now),
+            (_, State::Rewinding) => self.be_held(),
             _ => {}
         }
     }
@@ -344,10 +346,7 @@ impl Arm {
             State::Standing => self.stand(now, status),
             State::Travelling(_) => self.follow(now, status),
             State::Holding { confirmed: true } if status.running() => self.poll_later(now),
-            State::Holding { confirmed: true } => {
-                self.state = State::Held;
-                self.events.push_back(ArmEvent::Held);
-            }
+            State::Holding { confirmed: true } => self.rewind(now),
             _ => {}
         }
     }
@@ -390,17 +389,22 @@ impl Arm {
             (Command::HoldOn, _) => self.fault(FaultCode::RobotNotHeld, format!("hold refused: {words}")),
             (Command::ServoOff, _) => self.finish_parking(),
             (_, State::EndingJob) => self.switch_servo_off(now),
+            (_, State::Rewinding) => self.be_held(),
             (_, State::Held | State::Holding { .. } | State::Parking | State::Over) => {}
             (Command::Move(_), State::Travelling(travel)) if refusal.added_status == STILL_MOVING => {
                 travel.uncertain = true;
                 self.ask_status(now);
             }
+            // The start came twice, or nothing stands still yet; the next look finds out.
+            (Command::StartJob, State::Loading(_)) if refusal.added_status == STILL_MOVING => self.load_on(now),
             (Command::Alarm(_), _) => self.fault(FaultCode::RobotAlarm, format!("the alarm cannot be read: {words}")),
             (_, _) if refusal.added_status == ALARM_PRESENT => self.read_alarm(now),
             (_, _) if HELD_BY_SOMEBODY.contains(&refusal.added_status) => {
                 self.events.push_back(ArmEvent::HeldElsewhere);
             }
+            (_, _) if refusal.added_status == NOT_REMOTE => self.fault(FaultCode::RobotNotRemote, words),
             (Command::ServoOn, _) => self.fault(FaultCode::RobotServo, words),
+            (_, _) if refusal.added_status == SERVO_IS_OFF => self.fault(FaultCode::RobotServo, words),
             (Command::SelectJob { job, .. }, _) if refusal.added_status == NO_SUCH_JOB => {
                 let seen = format!("the scan job {job} is not on the controller: put it there (docs/robot)");
                 self.fault(FaultCode::RobotJob, seen);
@@ -429,6 +433,7 @@ impl Arm {
             }
             (_, Command::ServoOff, _) => self.finish_parking(),
             (_, _, State::EndingJob) => self.switch_servo_off(now),
+            (_, _, State::Rewinding) => self.be_held(),
             (Kind::Act, Command::Move(_), State::Travelling(travel)) => {
                 travel.uncertain = true;
                 self.ask_status(now);
@@ -453,6 +458,23 @@ impl Arm {
                 );
             }
         }
+    }
+
+    /// The arm stands on our hold. A start that comes late must not go on with an interrupted move of the scan job, so
+    /// the job is put back before anybody relies on the hold. If that fails the hold stands all the same.
+    fn rewind(&mut self, now: Stamp) {
+        match self.orders.as_ref().and_then(Orders::rewinding) {
+            Some(rewinding) => {
+                self.state = State::Rewinding;
+                self.exchange.say(now, rewinding);
+            }
+            None => self.be_held(),
+        }
+    }
+
+    fn be_held(&mut self) {
+        self.state = State::Held;
+        self.events.push_back(ArmEvent::Held);
     }
 
     fn read_alarm(&mut self, now: Stamp) {
@@ -498,6 +520,8 @@ const IDLE_POLL_MS: u64 = 500;
 const GARBLED_MAX: u32 = 3;
 const STILL_MOVING: u16 = 0x2010;
 const ALARM_PRESENT: u16 = 0x2060;
+const SERVO_IS_OFF: u16 = 0x2070;
+const NOT_REMOTE: u16 = 0x2100;
 const NO_SUCH_JOB: u16 = 0x4040;
 /// Hold by pendant, panel or an external signal.
 const HELD_BY_SOMEBODY: [u16; 3] = [0x2020, 0x2030, 0x2040];

@@ -10,6 +10,8 @@ use nalgebra::Isometry3;
 /// On the way to a pose.
 #[derive(Debug)]
 pub(super) struct Travel {
+    /// Where it was read to stand before.
+    departure: Isometry3<f64>,
     target: Isometry3<f64>,
     said: Said,
     pub(super) accepted_at: Stamp,
@@ -19,6 +21,8 @@ pub(super) struct Travel {
     seen_running: bool,
     still_count: u32,
     attempt_count: u32,
+    /// Where it was read to stand last, away from the target.
+    read_at: Option<Isometry3<f64>>,
 }
 
 /// What has sent the arm on its way.
@@ -45,11 +49,12 @@ impl Arm {
                 (Said::Move(said), Command::Move(said))
             }
             Some(orders) => {
-                let (number, command) = orders.next(target_index, speed);
+                let (number, command) = orders.next(now, target_index, speed);
                 (Said::Order(number), command)
             }
         };
         self.state = State::Travelling(Travel {
+            departure: from,
             target,
             said,
             accepted_at: now,
@@ -58,6 +63,7 @@ impl Arm {
             seen_running: false,
             still_count: 0,
             attempt_count: 1,
+            read_at: None,
         });
         self.timer = None;
         self.exchange.say(now, command);
@@ -94,9 +100,9 @@ impl Arm {
             let seen = format!("the scan job stopped before the pose was reached: {}", counters.words());
             return self.fault(FaultCode::RobotJob, seen);
         }
-        let beat = orders.beat();
+        let command = orders.said_again(now).unwrap_or_else(|| orders.beat());
         if self.in_time(now) {
-            self.exchange.say(now, beat);
+            self.exchange.say(now, command);
         }
     }
 
@@ -146,11 +152,11 @@ impl Arm {
         let State::Travelling(travel) = &mut self.state else {
             return;
         };
-        let away_mm = (base_from_tool.translation.vector - travel.target.translation.vector).norm();
-        let away_rad = base_from_tool.rotation.angle_to(&travel.target.rotation);
+        let (away_mm, away_rad) = super::ArmSettings::away(base_from_tool, &travel.target);
         // A position given for another tool says nothing about ours; it is normal before the first move.
         let right_tool = position.tool == i32::from(settings.tool);
-        let near = away_mm <= settings.position_tolerance_mm && away_rad <= settings.rotation_tolerance_rad;
+        let near = settings.is_near(base_from_tool, &travel.target);
+        let stayed = settings.is_near(base_from_tool, &travel.departure);
         self.last_pose = Some(*base_from_tool);
         if right_tool && near {
             self.state = State::Settling;
@@ -162,15 +168,23 @@ impl Arm {
                 travel.still_count = 0;
                 return self.poll_later(now);
             }
-            if travel.uncertain && travel.attempt_count < MOVE_ATTEMPTS_MAX {
-                // It stands, and not where the move would have taken it: the move was never begun. The pose is
-                // absolute, so saying it anew cannot take the arm anywhere else.
+            if travel.uncertain && stayed && travel.attempt_count < MOVE_ATTEMPTS_MAX {
+                // It stands where it stood before: the move was never begun. The pose is absolute, so saying it anew
+                // cannot take the arm anywhere else. An arm that stands on the way was stopped by somebody, and does
+                // not go on by itself.
                 travel.attempt_count += 1;
                 travel.uncertain = false;
+                travel.read_at = None;
                 travel.still_count = 0;
                 travel.accepted_at = now;
                 return self.exchange.say(now, Command::Move(said));
             }
+        }
+        // The statuses before may have been late: what stands reads the same twice.
+        let read_before = travel.read_at.replace(*base_from_tool);
+        if !read_before.is_some_and(|before| settings.is_near(base_from_tool, &before)) {
+            travel.still_count = 0;
+            return self.wait_on(now);
         }
         let seen = if right_tool {
             let away_deg = away_rad.to_degrees();
@@ -195,6 +209,17 @@ impl Arm {
 }
 
 impl super::ArmSettings {
+    /// Distance in mm and angle in rad between two poses.
+    fn away(pose: &Isometry3<f64>, from: &Isometry3<f64>) -> (f64, f64) {
+        let way = pose.translation.vector - from.translation.vector;
+        (way.norm(), pose.rotation.angle_to(&from.rotation))
+    }
+
+    fn is_near(&self, pose: &Isometry3<f64>, to: &Isometry3<f64>) -> bool {
+        let (away_mm, away_rad) = Self::away(pose, to);
+        away_mm <= self.position_tolerance_mm && away_rad <= self.rotation_tolerance_rad
+    }
+
     pub(super) fn tool_point_speed(&self) -> Speed {
         Speed::ToolPoint(tenths(self.speed_mm_s))
     }
