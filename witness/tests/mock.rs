@@ -4,8 +4,9 @@
 
 use bladescan::robot::hses::{FileEvent, FileSettings, Files};
 use bladescan::robot::{
-    AlarmClass, Command, Cycle, Datagram, Exchange, ExchangeSettings, FileCommand, FileContent, FileEnding, FileName,
-    Form, Frame, JobName, PositionVariable, Reply, RobotEvent, Values, Variable, VariableKind, WirePose,
+    AlarmClass, Command, Cycle, Exchange, ExchangeSettings, FileCommand, FileContent, FileEnding, FileName, Form,
+    Frame, JobName, PositionVariable, Protocol, Reply, RobotEvent, RobotOutput, Values, Variable, VariableKind,
+    WirePose,
 };
 use bladescan::stamp::Stamp;
 use moto_hses_mock::state::SharedState;
@@ -45,6 +46,7 @@ impl Cell {
             socket
         });
         let exchange = Exchange::new(ExchangeSettings {
+            protocol: Protocol::Hses,
             answer_timeout_ms: 2000,
             ask_attempts: 5,
             set_repeat_ms: 2000,
@@ -76,8 +78,8 @@ impl Cell {
         let now = self.now();
         self.exchange.say(now, command);
         loop {
-            while let Some(datagram) = self.exchange.poll_transmit() {
-                send(&self.robot, &datagram);
+            while let Some(output) = self.exchange.poll_output() {
+                send(&self.robot, output);
             }
             while let Some(event) = self.exchange.poll_event() {
                 if !matches!(event, RobotEvent::Dropped { malformed: false, .. }) {
@@ -85,7 +87,7 @@ impl Cell {
                 }
             }
             match receive(&self.robot) {
-                Some(bytes) => self.exchange.handle_datagram(self.now(), &bytes),
+                Some(bytes) => self.exchange.handle_bytes(self.now(), &bytes),
                 None => self.exchange.handle_wake(self.now()),
             }
         }
@@ -103,8 +105,8 @@ impl Cell {
         let now = self.now();
         self.files.begin(now, command).unwrap();
         loop {
-            while let Some(datagram) = self.files.poll_transmit() {
-                send(&self.file_port, &datagram);
+            while let Some(output) = self.files.poll_output() {
+                send(&self.file_port, output);
             }
             while let Some(event) = self.files.poll_event() {
                 if !matches!(event, FileEvent::Dropped { malformed: false, .. }) {
@@ -129,8 +131,11 @@ fn serve(runtime: &Runtime) -> Option<(MockServer, [u16; 2])> {
     Some((server, ports))
 }
 
-fn send(socket: &UdpSocket, datagram: &Datagram) {
-    socket.send(&datagram.bytes).unwrap();
+fn send(socket: &UdpSocket, output: RobotOutput) {
+    let RobotOutput::Bytes { bytes, .. } = output else {
+        panic!("datagrams need no {output:?}")
+    };
+    socket.send(&bytes).unwrap();
 }
 
 fn receive(socket: &UdpSocket) -> Option<Vec<u8>> {
