@@ -33,7 +33,7 @@ pub struct Request {
     pub id: u8,
     /// 0; in a transfer that of the block, the last with [`LAST_BLOCK`].
     pub block: u32,
-    /// Command number, for example [`COMMAND_STATUS`].
+    /// Command number.
     pub command: u16,
     /// Instance within the command.
     pub instance: u16,
