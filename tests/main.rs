@@ -10,3 +10,4 @@ mod settings;
 mod support;
 mod two_readings;
 mod virtual_time;
+mod wire;
