@@ -12,3 +12,4 @@ mod stations;
 mod support;
 mod two_readings;
 mod virtual_time;
+mod wire;

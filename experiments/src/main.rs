@@ -15,6 +15,7 @@ mod model;
 mod mpe;
 mod pairs;
 mod speed;
+mod wire;
 
 use clap::{Parser, Subcommand};
 
@@ -49,6 +50,8 @@ enum Command {
     Bench(bench::BenchArguments),
     /// Registers two clouds of ten million points: time by stage and memory.
     Large(large::LargeArguments),
+    /// Drives the arm over a bad wire and in a bad cell, many times.
+    Wire(wire::WireArguments),
     /// Times the parts that have a budget, on generated data.
     Speed,
 }
@@ -66,6 +69,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Command::Frames(arguments) => frames::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
         Command::Large(arguments) => large::run(&arguments),
+        Command::Wire(arguments) => wire::run(&arguments),
         Command::Speed => speed::run(),
     }
 }
