@@ -1,6 +1,9 @@
-//! Golden HSES frames: the client's requests must equal them, the simulated controller must answer them.
+//! Golden frames of HSES and host control: the client's must equal them, the simulated controller must answer them.
 
 mod client;
+mod conversation;
+mod host;
+mod serial;
 
 use std::error::Error;
 use std::io::Write;
@@ -18,8 +21,8 @@ use serde_json::Value;
 
 #[derive(Args)]
 pub(crate) struct GoldenArguments {
-    /// JSON list of objects with `name` and `hex`, with `op` and the datagrams of one or two clients, or with `dir` and
-    /// `hex`: a recorded exchange on the serial line.
+    /// JSON list of objects with `name` and `hex` (a datagram of HSES or a block of the serial line), with `op` and the
+    /// datagrams of one or two clients, or with `dir` and `hex`: a recorded exchange on the serial line or over TCP.
     files: Vec<PathBuf>,
 }
 
@@ -31,6 +34,7 @@ struct Tally {
     left_out: usize,
     unserved: usize,
     refused: usize,
+    differing: usize,
 }
 
 pub(crate) fn run(arguments: &GoldenArguments) -> Result<(), Box<dyn Error>> {
@@ -39,15 +43,23 @@ pub(crate) fn run(arguments: &GoldenArguments) -> Result<(), Box<dyn Error>> {
     for file in &arguments.files {
         let vectors: Vec<Value> = serde_json::from_slice(&std::fs::read(file)?)?;
         let mut tally = Tally::default();
+        let is_transcript = vectors.iter().any(|vector| vector["dir"] == "c>s");
         let is_recording = vectors.iter().any(|vector| vector["dir"].is_string());
-        if is_recording {
+        if is_transcript {
+            for line in conversation::check(&vectors, &mut tally)? {
+                writeln!(out, "{line}")?;
+            }
+        } else if is_recording {
             for (what, right) in crate::bsc::check(&vectors)? {
                 writeln!(out, "{}", tally.check(right, "serial", &what))?;
             }
         }
         for vector in vectors.iter().filter(|_| !is_recording) {
             let lines = match vector["name"].as_str() {
-                Some(name) => frame(name, &bytes(&vector["hex"])?, &mut tally),
+                Some(name) => match bytes(&vector["hex"])? {
+                    golden if golden.starts_with(b"YERC") => frame(name, &golden, &mut tally),
+                    golden => serial::frame(name, vector, &golden, &mut tally),
+                },
                 None => operation(vector, &mut tally)?,
             };
             for line in lines {
@@ -56,12 +68,13 @@ pub(crate) fn run(arguments: &GoldenArguments) -> Result<(), Box<dyn Error>> {
         }
         writeln!(
             out,
-            "{}: {} vectors, {} left out; {} checks, {} wrong; the simulator does not know {} requests and refuses {} for its state",
+            "{}: {} vectors, {} left out; {} checks, {} wrong, {} differences named; the simulator does not know {} requests and refuses {} for its state",
             file.display(),
             vectors.len(),
             tally.left_out,
             tally.checked,
             tally.wrong,
+            tally.differing,
             tally.unserved,
             tally.refused
         )?;
@@ -150,6 +163,12 @@ impl Tally {
     fn leave_out(&mut self, name: &str, why: &str) -> String {
         self.left_out += 1;
         format!("out   {name}: {why}")
+    }
+
+    /// A difference that is meant.
+    fn differ(&mut self, name: &str, why: &str) -> String {
+        self.differing += 1;
+        format!("      {name}: {why}")
     }
 
     /// Whether the simulator answers well; a command that it does not know, or refuses for its state (no such job, a
