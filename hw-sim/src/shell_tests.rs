@@ -192,7 +192,7 @@ fn a_host_on_the_pseudo_terminal_gets_its_answer_and_may_come_again() {
                     }
                 }
             }
-            assert_eq!(answer, Some(BscMessage::new("90,001", b"SIMULATED\r")));
+            assert_eq!(answer, Some(BscMessage::new("90,001", b"BLADESCAN,SIMULATED\r")));
         }
     });
 }
