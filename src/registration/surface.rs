@@ -22,7 +22,7 @@ use crate::geometry::sampling::even_indices;
 /// The pose after trimmed ICP has come to `fine`, made more accurate; without motion along the `held` directions.
 ///
 /// `template` has normals, `tree` holds its points. `None` where the clouds are too different in density for one
-/// radius, where too little of them is smooth, or where the result is not close to `fine`.
+/// radius, where too little of them is smooth, where they are more than [`POINTS_MAX`], or where the result is not close to `fine`.
 pub(super) fn refined(
     problem: &Problem<'_>,
     template: &PointCloud,
@@ -38,6 +38,9 @@ pub(super) fn refined(
         return None;
     }
     let near = near(reference.cloud(), template, &fine.pose, radius);
+    if template.len() + near.len() > POINTS_MAX {
+        return None;
+    }
     let all: Vec<usize> = (0..template.len()).collect();
     let fixed = Surface::new(reference.cloud(), reference.tree(), near, radius, problem.oriented);
     let moving = Surface::new(template, tree, all, radius, problem.oriented);
@@ -274,6 +277,8 @@ const AGREEMENT: f64 = 0.85;
 /// Fewer pairs are not worth it.
 const PAIR_MIN_COUNT: usize = 1000;
 const ITERATION_COUNT: u32 = 2;
+/// More points than any view or model has; patches for as many would take gigabytes, and the points alone say where they lie.
+const POINTS_MAX: usize = 4_000_000;
 /// The most cubes along an axis in which points near the template are looked for.
 const BOX_MAX_COUNT: usize = 200;
 /// Points of one parallel piece.
