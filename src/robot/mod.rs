@@ -9,15 +9,17 @@ mod exchange;
 mod file;
 pub mod host;
 pub mod hses;
+mod output;
 mod pose;
 mod refusal;
 mod reply;
 mod variable;
 
 pub use command::{AlarmClass, Command, Cycle, Kind, Move, MovePulses, Path, Speed};
-pub use exchange::{Exchange, ExchangeSettings, Protocol, RobotEvent, RobotOutput};
+pub use exchange::{Exchange, ExchangeSettings, Protocol, RobotEvent};
 pub use file::{FILE_BYTES_MAX, FileCommand, FileContent, FileContentError, FileEnding, FileName, FileNameError};
 pub use hses::values_max;
+pub use output::RobotOutput;
 pub use pose::WirePose;
 pub use reply::{Alarm, ExecutingJob, Position, Refusal, Reply, ReplyError, Status, SystemInformation};
 pub use variable::{Form, Frame, JobName, JobNameError, PositionVariable, Values, Variable, VariableKind};

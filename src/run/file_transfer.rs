@@ -4,7 +4,7 @@ use super::conversation::sleep_until;
 use super::live::RobotPlace;
 use super::wires::{self, Place};
 use crate::controller::Input;
-use crate::robot::host::{LinkEvent, LinkOutput, SerialLink, SerialSettings};
+use crate::robot::host::{HostLink, LinkEvent, SerialLink, SerialSettings};
 use crate::robot::hses::{FileEvent, FileSettings, Files};
 use crate::robot::{FileCommand, Refusal, RobotOutput};
 use crate::stamp::Stamp;
@@ -145,7 +145,7 @@ async fn over_serial(place: Place, command: FileCommand) -> Result<Transferred, 
         .map_err(|error| TransferError::Unsayable(format!("the serial line: {error}")))?;
     loop {
         while let Some(output) = link.poll_output() {
-            if let LinkOutput::Bytes { bytes, .. } = output {
+            if let RobotOutput::Bytes { bytes, .. } = output {
                 outgoing.send(bytes).await.ok();
             }
         }

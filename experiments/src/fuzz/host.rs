@@ -1,8 +1,8 @@
 //! What the decoders of host control must bear, over TCP and the serial line, shared with the targets in `fuzz/`.
 
 use bladescan::robot::host::bsc::block::{BlockReader, TEXT_BYTES_MAX, sum};
-use bladescan::robot::host::{LinkEvent, LinkOutput, SerialLink, SerialSettings, TcpLink, TcpSettings, text};
-use bladescan::robot::{Command, Reply, Values, Variable, VariableKind};
+use bladescan::robot::host::{HostLink, LinkEvent, SerialLink, SerialSettings, TcpLink, TcpSettings, text};
+use bladescan::robot::{Command, Reply, RobotOutput, Values, Variable, VariableKind};
 use bladescan::stamp::Stamp;
 
 /// Reads a line as the answer to every command. Whether it is the answer to one of them.
@@ -42,7 +42,7 @@ pub fn tcp(bytes: &[u8]) -> bool {
     while let Some(due) = link.wake_at() {
         link.handle_wake(due);
     }
-    let data = |output: &LinkOutput| matches!(output, LinkOutput::Bytes { bytes, .. } if bytes == b"1\r");
+    let data = |output: &RobotOutput| matches!(output, RobotOutput::Bytes { bytes, .. } if bytes == b"1\r");
     let data_count = std::iter::from_fn(|| link.poll_output()).filter(data).count();
     assert!(data_count <= 1, "the data of one command leave once");
     ended(std::iter::from_fn(|| link.poll_event()))
@@ -73,7 +73,8 @@ pub fn serial(bytes: &[u8]) -> bool {
         link.handle_wake(due);
     }
     assert!(link.is_idle());
-    let block = |output: &LinkOutput| matches!(output, LinkOutput::Bytes { bytes, .. } if bytes.first() == Some(&0x01));
+    let block =
+        |output: &RobotOutput| matches!(output, RobotOutput::Bytes { bytes, .. } if bytes.first() == Some(&0x01));
     let block_count = std::iter::from_fn(|| link.poll_output()).filter(block).count();
     let nak_count = bytes.iter().filter(|&&byte| byte == 0x15).count();
     assert!(block_count <= 1 + nak_count, "an act's block leaves again only on NAK");

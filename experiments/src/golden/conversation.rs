@@ -5,8 +5,8 @@
 
 use std::error::Error;
 
-use bladescan::robot::host::{LinkEvent, LinkOutput, TcpLink, TcpSettings, text};
-use bladescan::robot::{Command, Reply};
+use bladescan::robot::host::{HostLink, LinkEvent, TcpLink, TcpSettings, text};
+use bladescan::robot::{Command, Reply, RobotOutput};
 use bladescan::stamp::Stamp;
 use hw_sim::fault::Fault;
 use hw_sim::robot::controller::{Controller, Settings};
@@ -284,7 +284,7 @@ fn said(conversation: &Conversation, tally: &mut Tally) -> Vec<String> {
 fn heard(link: &mut TcpLink) -> Vec<String> {
     let mut pieces = Vec::new();
     while let Some(output) = link.poll_output() {
-        if let LinkOutput::Bytes { bytes, .. } = output {
+        if let RobotOutput::Bytes { bytes, .. } = output {
             pieces.push(String::from_utf8_lossy(&bytes).into_owned());
         }
     }

@@ -11,6 +11,7 @@ mod one_by_one;
 mod wire;
 
 use super::command::{Command, Kind};
+use super::output::RobotOutput;
 use super::reply::{Refusal, Reply};
 use crate::stamp::{Stamp, earlier};
 use std::collections::VecDeque;
@@ -40,22 +41,6 @@ pub enum Protocol {
     HostControl,
     /// Host control over a serial line.
     Serial,
-}
-
-/// What is to be done with the wire to the robot.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum RobotOutput {
-    /// Open the connection (host control over TCP).
-    Connect,
-    /// Send these bytes: one datagram of HSES, or a piece of a stream.
-    Bytes {
-        /// The bytes.
-        bytes: Vec<u8>,
-        /// What they belong to: [`Kind::waits_for_journal`].
-        kind: Kind,
-    },
-    /// Close the connection; nothing more of it is handed in.
-    Close,
 }
 
 /// What came of a command, or of bytes that fit none.

@@ -3,7 +3,7 @@
 use super::one_by_one::OneByOne;
 use super::{ExchangeSettings, Protocol, RobotOutput, Slot};
 use crate::robot::command::Command;
-use crate::robot::host::{HostLink, LinkEvent, LinkOutput, SerialLink, SerialSettings, TcpLink, TcpSettings};
+use crate::robot::host::{HostLink, LinkEvent, SerialLink, SerialSettings, TcpLink, TcpSettings};
 use crate::robot::hses::{self, Answer};
 use crate::robot::reply::{Refusal, Reply};
 use crate::stamp::Stamp;
@@ -179,11 +179,7 @@ impl Wire {
 
     pub(super) fn poll_output(&mut self) -> Option<RobotOutput> {
         if let Carrier::Host { link, .. } = &mut self.carrier {
-            return link.poll_output().map(|output| match output {
-                LinkOutput::Connect => RobotOutput::Connect,
-                LinkOutput::Close => RobotOutput::Close,
-                LinkOutput::Bytes { bytes, kind } => RobotOutput::Bytes { bytes, kind },
-            });
+            return link.poll_output();
         }
         self.outbox.pop_front()
     }

@@ -17,26 +17,9 @@ pub use bsc::{SerialLink, SerialSettings};
 pub use link::HostLink;
 pub use tcp::{TcpLink, TcpSettings};
 
-use super::command::Kind;
 use super::file::FileName;
 use super::reply::{Refusal, Reply};
 use thiserror::Error;
-
-/// What the shell has to do for a link.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum LinkOutput {
-    /// Open the connection (TCP), then call `handle_connected`; if that fails, `handle_closed`.
-    Connect,
-    /// Close the connection or give up opening it (TCP); nothing more of it is handed in.
-    Close,
-    /// Send these bytes.
-    Bytes {
-        /// The bytes.
-        bytes: Vec<u8>,
-        /// Of the command that they belong to; [`Kind::Ask`] where they belong to none.
-        kind: Kind,
-    },
-}
 
 /// What came of a command, or of bytes that fit none.
 #[derive(Debug, Clone, PartialEq)]

@@ -9,9 +9,10 @@ mod line;
 mod tests;
 
 use super::text;
-use super::{LinkEvent, LinkOutput, Unsupported};
+use super::{HostLink, LinkEvent, Unsupported};
 use crate::robot::command::{Command, Kind};
 use crate::robot::file::{FileCommand, FileEnding, FileName};
+use crate::robot::output::RobotOutput;
 use crate::robot::reply::{Refusal, Reply};
 use crate::robot::variable::Form;
 use crate::stamp::{Stamp, earlier};
@@ -93,30 +94,6 @@ impl SerialLink {
         }
     }
 
-    /// Whether a command can be said.
-    pub fn is_idle(&self) -> bool {
-        self.open.is_none() && self.line.is_idle()
-    }
-
-    /// Says `command`; only when idle.
-    ///
-    /// An act's block is sent again only when the controller says that it has not taken it. When nothing is said, the
-    /// transmission is ended, and its answer is awaited all the same.
-    ///
-    /// # Errors
-    ///
-    /// Host control has no words for it; nothing has been sent.
-    pub fn say(&mut self, now: Stamp, command: &Command) -> Result<(), Unsupported> {
-        let phrase = text::phrase(command, self.form)?;
-        let text = match phrase.data.as_str() {
-            "" => format!("{}\r", phrase.name),
-            data => format!("{} {data}\r", phrase.name),
-        };
-        let blocks = block::blocks(Header::COMMAND, None, text.as_bytes());
-        self.begin(now, What::Command(command.clone()), blocks, command.kind());
-        Ok(())
-    }
-
     /// Does something with the controller's jobs; only when idle.
     ///
     /// A job that goes to the controller is sent like an act: none of its blocks leaves twice on silence, since nothing
@@ -151,10 +128,32 @@ impl SerialLink {
         self.begin(now, what, blocks, kind);
         Ok(())
     }
+}
 
-    /// Forgets the open transaction. What has been sent of it may still take effect; its answer, should one come, is
-    /// dropped.
-    pub fn give_up(&mut self, now: Stamp) {
+impl HostLink for SerialLink {
+    fn can_be_reopened(&self) -> bool {
+        false
+    }
+
+    fn is_idle(&self) -> bool {
+        self.open.is_none() && self.line.is_idle()
+    }
+
+    /// An act's block is sent again only when the controller says that it has not taken it. When nothing is said, the
+    /// transmission is ended, and its answer is awaited all the same.
+    fn say(&mut self, now: Stamp, command: &Command) -> Result<(), Unsupported> {
+        let phrase = text::phrase(command, self.form)?;
+        let text = match phrase.data.as_str() {
+            "" => format!("{}\r", phrase.name),
+            data => format!("{} {data}\r", phrase.name),
+        };
+        let blocks = block::blocks(Header::COMMAND, None, text.as_bytes());
+        self.begin(now, What::Command(command.clone()), blocks, command.kind());
+        Ok(())
+    }
+
+    /// The answer of what is given up, should one come, is dropped.
+    fn give_up(&mut self, now: Stamp) {
         if let Some(open) = self.open.take()
             && (open.due.is_some() || self.line.is_sending())
         {
@@ -164,14 +163,18 @@ impl SerialLink {
         self.hear_line(now);
     }
 
-    /// Bytes have come.
-    pub fn handle_bytes(&mut self, now: Stamp, bytes: &[u8]) {
+    /// A serial line is open or it is not: nothing connects it.
+    fn handle_connected(&mut self, _now: Stamp) {}
+
+    /// The exchange says nothing more over a line that has ended.
+    fn handle_closed(&mut self, _now: Stamp, _reason: &str) {}
+
+    fn handle_bytes(&mut self, now: Stamp, bytes: &[u8]) {
         self.line.handle_bytes(now, bytes);
         self.hear_line(now);
     }
 
-    /// Time has passed.
-    pub fn handle_wake(&mut self, now: Stamp) {
+    fn handle_wake(&mut self, now: Stamp) {
         self.line.handle_wake(now);
         self.hear_line(now);
         // An answer that has begun is waited for as long as the line's own timers allow.
@@ -183,24 +186,21 @@ impl SerialLink {
         }
     }
 
-    /// When [`Self::handle_wake`] wants to be called next.
-    pub fn wake_at(&self) -> Option<Stamp> {
+    fn wake_at(&self) -> Option<Stamp> {
         earlier(self.line.wake_at(), self.answer_due())
     }
 
-    /// The next thing to do.
-    #[must_use]
-    pub fn poll_output(&mut self) -> Option<LinkOutput> {
+    fn poll_output(&mut self) -> Option<RobotOutput> {
         let (bytes, kind) = self.line.outbox.pop_front()?;
-        Some(LinkOutput::Bytes { bytes, kind })
+        Some(RobotOutput::Bytes { bytes, kind })
     }
 
-    /// The next event.
-    #[must_use]
-    pub fn poll_event(&mut self) -> Option<LinkEvent> {
+    fn poll_event(&mut self) -> Option<LinkEvent> {
         self.events.pop_front()
     }
+}
 
+impl SerialLink {
     fn begin(&mut self, now: Stamp, what: What, blocks: Vec<block::Block>, kind: Kind) {
         debug_assert!(self.is_idle(), "one transaction at a time");
         self.open = Some(Open {

@@ -27,7 +27,7 @@ fn at(ms: u64) -> Stamp {
 
 fn sent(link: &mut SerialLink) -> Vec<Vec<u8>> {
     let bytes = |output| match output {
-        LinkOutput::Bytes { bytes, .. } => bytes,
+        RobotOutput::Bytes { bytes, .. } => bytes,
         other => panic!("{other:?}"),
     };
     std::iter::from_fn(|| link.poll_output()).map(bytes).collect()
@@ -99,7 +99,7 @@ fn commands_of_the_page_are_said_byte_by_byte() {
         link.say(at(0), &command).unwrap();
         let kind = command.kind();
         let out = |bytes: &[u8]| {
-            Some(LinkOutput::Bytes {
+            Some(RobotOutput::Bytes {
                 bytes: bytes.to_vec(),
                 kind,
             })

@@ -5,8 +5,9 @@ mod lines;
 mod tests;
 
 use super::text::{self, Phrase};
-use super::{LinkEvent, LinkOutput, Unsupported};
+use super::{HostLink, LinkEvent, Unsupported};
 use crate::robot::command::{Command, Kind};
+use crate::robot::output::RobotOutput;
 use crate::robot::reply::{Refusal, Reply};
 use crate::robot::variable::Form;
 use crate::stamp::Stamp;
@@ -35,7 +36,7 @@ pub struct TcpLink {
     open: Option<Open>,
     lines: Lines,
     form: Option<Form>,
-    outbox: VecDeque<LinkOutput>,
+    outbox: VecDeque<RobotOutput>,
     events: VecDeque<LinkEvent>,
 }
 
@@ -87,18 +88,18 @@ impl TcpLink {
             events: VecDeque::new(),
         }
     }
+}
 
-    /// Whether a command can be said.
-    pub fn is_idle(&self) -> bool {
+impl HostLink for TcpLink {
+    fn can_be_reopened(&self) -> bool {
+        true
+    }
+
+    fn is_idle(&self) -> bool {
         self.open.is_none()
     }
 
-    /// Says `command`; only when idle.
-    ///
-    /// # Errors
-    ///
-    /// Host control has no words for it; nothing has been sent.
-    pub fn say(&mut self, now: Stamp, command: &Command) -> Result<(), Unsupported> {
+    fn say(&mut self, now: Stamp, command: &Command) -> Result<(), Unsupported> {
         debug_assert!(self.is_idle(), "one transaction at a time");
         self.open = Some(Open {
             command: command.clone(),
@@ -109,11 +110,9 @@ impl TcpLink {
         Ok(())
     }
 
-    /// Forgets the open transaction. What has been sent of it may still take effect.
-    ///
     /// A command whose data have not been asked for yet is withheld by closing the connection. Of one that is wholly sent
     /// the answer is awaited for [`TcpSettings::give_up_ms`], because that is quicker than a new connection.
-    pub fn give_up(&mut self, now: Stamp) {
+    fn give_up(&mut self, now: Stamp) {
         let Some(open) = &mut self.open else { return };
         match open.step {
             Step::Waiting => self.open = None,
@@ -129,8 +128,7 @@ impl TcpLink {
         }
     }
 
-    /// The connection is open.
-    pub fn handle_connected(&mut self, now: Stamp) {
+    fn handle_connected(&mut self, now: Stamp) {
         if !matches!(self.state, State::Connecting { .. }) {
             return;
         }
@@ -141,16 +139,14 @@ impl TcpLink {
         self.send(b"CONNECT Robot_access Keep-Alive:-1\r\n".to_vec(), Kind::Ask);
     }
 
-    /// The connection could not be opened, or was closed by the other side.
-    pub fn handle_closed(&mut self, _now: Stamp, reason: String) {
+    fn handle_closed(&mut self, _now: Stamp, reason: &str) {
         if !matches!(self.state, State::Closed) {
             self.state = State::Closed;
-            self.lose(reason);
+            self.lose(reason.to_owned());
         }
     }
 
-    /// Bytes have come.
-    pub fn handle_bytes(&mut self, now: Stamp, bytes: &[u8]) {
+    fn handle_bytes(&mut self, now: Stamp, bytes: &[u8]) {
         for (at, &byte) in bytes.iter().enumerate() {
             if matches!(self.state, State::Closed | State::Connecting { .. }) {
                 return self.drop_behind_the_end(&bytes[at..]);
@@ -163,8 +159,7 @@ impl TcpLink {
         }
     }
 
-    /// Time has passed.
-    pub fn handle_wake(&mut self, now: Stamp) {
+    fn handle_wake(&mut self, now: Stamp) {
         if self.wake_at().is_none_or(|due| now < due) {
             return;
         }
@@ -194,8 +189,7 @@ impl TcpLink {
         }
     }
 
-    /// When [`Self::handle_wake`] wants to be called next.
-    pub fn wake_at(&self) -> Option<Stamp> {
+    fn wake_at(&self) -> Option<Stamp> {
         match (&self.state, self.open.as_ref().map(|open| open.step)) {
             (State::Connecting { due } | State::Greeting { due }, _) => Some(*due),
             (_, Some(Step::Requested { due } | Step::Said { due } | Step::GivenUp { due })) => Some(due),
@@ -203,18 +197,16 @@ impl TcpLink {
         }
     }
 
-    /// The next thing to do.
-    #[must_use]
-    pub fn poll_output(&mut self) -> Option<LinkOutput> {
+    fn poll_output(&mut self) -> Option<RobotOutput> {
         self.outbox.pop_front()
     }
 
-    /// The next event.
-    #[must_use]
-    pub fn poll_event(&mut self) -> Option<LinkEvent> {
+    fn poll_event(&mut self) -> Option<LinkEvent> {
         self.events.pop_front()
     }
+}
 
+impl TcpLink {
     /// Does what a waiting command needs next.
     fn go_on(&mut self, now: Stamp) {
         let Some(open) = &mut self.open else { return };
@@ -227,7 +219,7 @@ impl TcpLink {
                 self.state = State::Connecting {
                     due: now.plus_ms(self.settings.connect_timeout_ms),
                 };
-                self.outbox.push_back(LinkOutput::Connect);
+                self.outbox.push_back(RobotOutput::Connect);
             }
             State::Ready { greeting, .. } if open.command == Command::SystemInformation => {
                 let information = text::system_information(greeting);
@@ -376,12 +368,12 @@ impl TcpLink {
     fn close(&mut self) {
         if !matches!(self.state, State::Closed) {
             self.state = State::Closed;
-            self.outbox.push_back(LinkOutput::Close);
+            self.outbox.push_back(RobotOutput::Close);
         }
     }
 
     fn send(&mut self, bytes: Vec<u8>, kind: Kind) {
-        self.outbox.push_back(LinkOutput::Bytes { bytes, kind });
+        self.outbox.push_back(RobotOutput::Bytes { bytes, kind });
     }
 
     /// The LF of the line that closed the connection is no event.

@@ -15,14 +15,14 @@ fn at(ms: u64) -> Stamp {
     Stamp::START.plus_ms(ms)
 }
 
-fn bytes(name: &str, kind: Kind) -> LinkOutput {
-    LinkOutput::Bytes {
+fn bytes(name: &str, kind: Kind) -> RobotOutput {
+    RobotOutput::Bytes {
         bytes: host(name),
         kind,
     }
 }
 
-fn outputs(link: &mut TcpLink) -> Vec<LinkOutput> {
+fn outputs(link: &mut TcpLink) -> Vec<RobotOutput> {
     std::iter::from_fn(|| link.poll_output()).collect()
 }
 
@@ -40,7 +40,7 @@ fn hear(link: &mut TcpLink, names: &[&str]) {
 fn saying(command: &Command, greeting: &str) -> TcpLink {
     let mut link = TcpLink::new(SETTINGS);
     link.say(at(0), command).unwrap();
-    assert_eq!(outputs(&mut link), [LinkOutput::Connect]);
+    assert_eq!(outputs(&mut link), [RobotOutput::Connect]);
     link.handle_connected(at(1));
     assert_eq!(outputs(&mut link), [bytes("connect", Kind::Ask)]);
     hear(&mut link, &[greeting]);
@@ -75,7 +75,7 @@ fn the_page_is_said_byte_by_byte() {
 }
 
 /// All that the server says in a conversation of two commands, and what the client makes of it, cut as `cuts` says.
-fn cut_conversation(cuts: &[usize]) -> (Vec<LinkEvent>, Vec<LinkOutput>) {
+fn cut_conversation(cuts: &[usize]) -> (Vec<LinkEvent>, Vec<RobotOutput>) {
     let mut link = TcpLink::new(SETTINGS);
     let mut told = Vec::new();
     let mut sent = Vec::new();
@@ -121,9 +121,9 @@ fn without_keep_alive_every_command_has_its_own_connection() {
     let mut link = saying(&Command::Status, "greeting_once");
     hear(&mut link, &["agree_status", "ans_status_ready"]);
     assert!(is_ready(&events(&mut link)[0]));
-    assert_eq!(outputs(&mut link), [bytes("req_status", Kind::Ask), LinkOutput::Close]);
+    assert_eq!(outputs(&mut link), [bytes("req_status", Kind::Ask), RobotOutput::Close]);
     link.say(at(5), &Command::Status).unwrap();
-    assert_eq!(outputs(&mut link), [LinkOutput::Connect]);
+    assert_eq!(outputs(&mut link), [RobotOutput::Connect]);
 }
 
 #[test]
@@ -133,7 +133,7 @@ fn a_count_of_commands_is_never_used_up() {
     link.say(at(5), &Command::Status).unwrap();
     hear(&mut link, &["agree_status", "ans_status_ready"]);
     let request = bytes("req_status", Kind::Ask);
-    assert_eq!(outputs(&mut link), [request.clone(), request, LinkOutput::Close]);
+    assert_eq!(outputs(&mut link), [request.clone(), request, RobotOutput::Close]);
     assert_eq!(events(&mut link).len(), 2);
 }
 
@@ -159,7 +159,7 @@ fn a_refused_request_is_a_refusal_and_the_end_of_the_connection() {
         matches!(told.as_slice(), [LinkEvent::Refused(_), LinkEvent::Lost { .. }]),
         "{told:?}"
     );
-    assert_eq!(outputs(&mut link).last(), Some(&LinkOutput::Close));
+    assert_eq!(outputs(&mut link).last(), Some(&RobotOutput::Close));
     assert!(link.is_idle());
 }
 
@@ -170,7 +170,7 @@ fn a_connection_that_cannot_be_had_leaves_the_command_unanswered() {
     assert!(lost(&events(&mut refused)));
     let mut closed = TcpLink::new(SETTINGS);
     closed.say(at(0), &Command::Status).unwrap();
-    closed.handle_closed(at(1), "connection refused".into());
+    closed.handle_closed(at(1), "connection refused");
     assert!(lost(&events(&mut closed)) && closed.is_idle());
     let mut silent = TcpLink::new(SETTINGS);
     silent.say(at(0), &Command::Status).unwrap();
@@ -179,7 +179,7 @@ fn a_connection_that_cannot_be_had_leaves_the_command_unanswered() {
     assert!(events(&mut silent).is_empty());
     silent.handle_wake(at(3000));
     assert!(lost(&events(&mut silent)));
-    assert_eq!(outputs(&mut silent), [LinkOutput::Connect, LinkOutput::Close]);
+    assert_eq!(outputs(&mut silent), [RobotOutput::Connect, RobotOutput::Close]);
     let mut mute = TcpLink::new(SETTINGS);
     mute.say(at(0), &Command::Status).unwrap();
     mute.handle_connected(at(10));
@@ -196,22 +196,22 @@ fn silence_closes_the_connection_and_the_command_is_unanswered() {
         assert_eq!(link.wake_at(), Some(at(1002)));
         link.handle_wake(at(1002));
         assert_eq!(events(&mut link), [LinkEvent::Unanswered]);
-        assert_eq!(outputs(&mut link), [LinkOutput::Close]);
+        assert_eq!(outputs(&mut link), [RobotOutput::Close]);
         link.say(at(1003), &Command::HoldOn).unwrap();
-        assert_eq!(outputs(&mut link), [LinkOutput::Connect]);
+        assert_eq!(outputs(&mut link), [RobotOutput::Connect]);
     }
 }
 
 #[test]
 fn a_connection_lost_in_the_middle_leaves_the_command_unanswered() {
     let mut link = saying(&Command::StartJob, "greeting_always");
-    link.handle_closed(at(3), "reset by peer".into());
+    link.handle_closed(at(3), "reset by peer");
     let told = events(&mut link);
     assert!(matches!(
         told.as_slice(),
         [LinkEvent::Lost { .. }, LinkEvent::Unanswered]
     ));
-    link.handle_closed(at(4), "again".into());
+    link.handle_closed(at(4), "again");
     assert!(events(&mut link).is_empty());
 }
 
@@ -231,7 +231,7 @@ fn a_line_that_makes_no_sense_breaks_the_connection_off() {
             [LinkEvent::Dropped { malformed: true, .. }, LinkEvent::Unanswered]
         );
         assert!(dropped, "{line} {told:?}");
-        assert_eq!(outputs(&mut link).last(), Some(&LinkOutput::Close));
+        assert_eq!(outputs(&mut link).last(), Some(&RobotOutput::Close));
     }
 }
 
@@ -267,7 +267,7 @@ fn a_command_given_up_before_its_data_is_never_carried_out() {
     link.give_up(at(3));
     assert!(link.is_idle());
     link.handle_bytes(at(3), b"OK: SVON\r\n");
-    assert_eq!(outputs(&mut link), [LinkOutput::Close]);
+    assert_eq!(outputs(&mut link), [RobotOutput::Close]);
     let told = events(&mut link);
     assert!(
         matches!(told.as_slice(), [LinkEvent::Dropped { malformed: false, .. }]),
@@ -299,7 +299,7 @@ fn a_command_given_up_and_not_answered_costs_the_connection_but_no_event() {
     link.give_up(at(3));
     link.handle_wake(at(203));
     assert!(link.is_idle() && events(&mut link).is_empty());
-    assert_eq!(outputs(&mut link), [LinkOutput::Close]);
+    assert_eq!(outputs(&mut link), [RobotOutput::Close]);
 }
 
 #[test]
@@ -308,7 +308,7 @@ fn a_hold_replaces_a_command_that_waits_for_the_connection() {
     link.say(at(0), &Command::Status).unwrap();
     link.give_up(at(1));
     link.say(at(1), &Command::HoldOn).unwrap();
-    assert_eq!(outputs(&mut link), [LinkOutput::Connect]);
+    assert_eq!(outputs(&mut link), [RobotOutput::Connect]);
     link.handle_connected(at(2));
     hear(&mut link, &["greeting_always"]);
     let sent = outputs(&mut link);

@@ -6,8 +6,8 @@
 
 use super::wire::{Block, FileAnswer, FileFrame, FileService};
 use crate::robot::command::Kind;
-use crate::robot::exchange::RobotOutput;
 use crate::robot::file::{FILE_BYTES_MAX, FileCommand, FileEnding, FileName};
+use crate::robot::output::RobotOutput;
 use crate::robot::reply::Refusal;
 use crate::stamp::Stamp;
 use std::collections::VecDeque;
