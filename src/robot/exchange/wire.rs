@@ -25,8 +25,6 @@ enum Carrier {
     Host {
         link: Box<dyn HostLink>,
         serving: Option<Serving>,
-        /// A serial line that has ended stays so; why.
-        ended: Option<String>,
     },
 }
 
@@ -55,11 +53,7 @@ pub(super) enum Outcome {
 
 impl Wire {
     pub(super) fn new(settings: &ExchangeSettings) -> Self {
-        let host = |link| Carrier::Host {
-            link,
-            serving: None,
-            ended: None,
-        };
+        let host = |link| Carrier::Host { link, serving: None };
         let carrier = match settings.protocol {
             Protocol::Hses => Carrier::Hses { next_id: 1 },
             Protocol::HostControl => host(Box::new(TcpLink::new(TcpSettings {
@@ -85,7 +79,7 @@ impl Wire {
     pub(super) fn is_free(&self) -> bool {
         match &self.carrier {
             Carrier::Hses { .. } => true,
-            Carrier::Host { link, serving, ended } => ended.is_some() || serving.is_none() && link.is_idle(),
+            Carrier::Host { link, serving } => serving.is_none() && link.is_idle(),
         }
     }
 
@@ -116,10 +110,7 @@ impl Wire {
                 });
                 Ok(id)
             }
-            Carrier::Host {
-                ended: Some(reason), ..
-            } => Err(format!("the serial line has ended: {reason}")),
-            Carrier::Host { link, serving, .. } => {
+            Carrier::Host { link, serving } => {
                 let mut parts = OneByOne::new(command);
                 let part = parts.next().ok_or("nothing to read or write")?;
                 link.say(now, &part).map_err(|error| error.to_string())?;
@@ -131,7 +122,7 @@ impl Wire {
 
     /// Stops waiting for what is open.
     pub(super) fn give_up(&mut self, now: Stamp) {
-        if let Carrier::Host { link, serving, .. } = &mut self.carrier {
+        if let Carrier::Host { link, serving } = &mut self.carrier {
             link.give_up(now);
             *serving = None;
         }
@@ -142,18 +133,7 @@ impl Wire {
     }
 
     pub(super) fn handle_closed(&mut self, now: Stamp, reason: &str) {
-        if let Carrier::Host { link, serving, ended } = &mut self.carrier
-            && !link.can_be_reopened()
-        {
-            *ended = Some(reason.to_owned());
-            let reason = reason.to_owned();
-            self.heard.push_back(Heard::Lost { reason });
-            if let Some(Serving { slot, .. }) = serving.take() {
-                self.heard.push_back(Heard::Of(slot, Outcome::Silent));
-            }
-        } else {
-            self.host(now, |link| link.handle_closed(now, reason));
-        }
+        self.host(now, |link| link.handle_closed(now, reason));
     }
 
     /// `sent` is what is on its way in the two slots, the safe one first, with its ids.
@@ -172,7 +152,6 @@ impl Wire {
     pub(super) fn wake_at(&self) -> Option<Stamp> {
         match &self.carrier {
             Carrier::Hses { .. } => None,
-            Carrier::Host { ended: Some(_), .. } => None,
             Carrier::Host { link, .. } => link.wake_at(),
         }
     }
@@ -227,7 +206,7 @@ impl Wire {
 
     /// Lets the link of host control do something, and takes what it has heard.
     fn host(&mut self, now: Stamp, act: impl FnOnce(&mut dyn HostLink)) {
-        let Carrier::Host { link, serving, .. } = &mut self.carrier else {
+        let Carrier::Host { link, serving } = &mut self.carrier else {
             return;
         };
         act(link.as_mut());

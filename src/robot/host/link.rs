@@ -8,8 +8,6 @@ use std::fmt::Debug;
 
 /// A link of host control.
 pub trait HostLink: Debug + Send {
-    /// Whether its connection can be opened again when it has ended.
-    fn can_be_reopened(&self) -> bool;
     /// Whether a command can be said.
     fn is_idle(&self) -> bool;
     /// Says `command`; only when idle.

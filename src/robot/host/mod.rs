@@ -89,6 +89,9 @@ pub enum Unsupported {
     /// A link move must name the arm's configuration, and none has been read yet: ask for the position first.
     #[error("the arm's configuration is not known: read the position first")]
     UnknownForm,
+    /// There is no wire any more.
+    #[error("the serial line has ended: {0}")]
+    Ended(String),
     /// A text with a byte that the command or the line gives another meaning.
     #[error("host control cannot carry this text: {0:?}")]
     Text(String),

@@ -60,6 +60,8 @@ pub struct SerialLink {
     /// Until this moment the next answer counts as one to a command that nobody waits for any more.
     owed_until: Option<Stamp>,
     form: Option<Form>,
+    /// Why the line has ended, if it has.
+    ended: Option<String>,
     events: VecDeque<LinkEvent>,
 }
 
@@ -90,6 +92,7 @@ impl SerialLink {
             open: None,
             owed_until: None,
             form: None,
+            ended: None,
             events: VecDeque::new(),
         }
     }
@@ -131,10 +134,6 @@ impl SerialLink {
 }
 
 impl HostLink for SerialLink {
-    fn can_be_reopened(&self) -> bool {
-        false
-    }
-
     fn is_idle(&self) -> bool {
         self.open.is_none() && self.line.is_idle()
     }
@@ -142,6 +141,9 @@ impl HostLink for SerialLink {
     /// An act's block is sent again only when the controller says that it has not taken it. When nothing is said, the
     /// transmission is ended, and its answer is awaited all the same.
     fn say(&mut self, now: Stamp, command: &Command) -> Result<(), Unsupported> {
+        if let Some(reason) = &self.ended {
+            return Err(Unsupported::Ended(reason.clone()));
+        }
         let phrase = text::phrase(command, self.form)?;
         let text = match phrase.data.as_str() {
             "" => format!("{}\r", phrase.name),
@@ -166,8 +168,16 @@ impl HostLink for SerialLink {
     /// A serial line is open or it is not: nothing connects it.
     fn handle_connected(&mut self, _now: Stamp) {}
 
-    /// The exchange says nothing more over a line that has ended.
-    fn handle_closed(&mut self, _now: Stamp, _reason: &str) {}
+    /// A line that has ended stays so.
+    fn handle_closed(&mut self, _now: Stamp, reason: &str) {
+        let reason = reason.to_owned();
+        self.line = Line::new(self.settings);
+        self.ended = Some(reason.clone());
+        self.events.push_back(LinkEvent::Lost { reason });
+        if self.open.is_some() {
+            self.end(LinkEvent::Unanswered);
+        }
+    }
 
     fn handle_bytes(&mut self, now: Stamp, bytes: &[u8]) {
         self.line.handle_bytes(now, bytes);

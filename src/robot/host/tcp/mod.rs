@@ -91,10 +91,6 @@ impl TcpLink {
 }
 
 impl HostLink for TcpLink {
-    fn can_be_reopened(&self) -> bool {
-        true
-    }
-
     fn is_idle(&self) -> bool {
         self.open.is_none()
     }
