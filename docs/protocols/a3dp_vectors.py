@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Prints section 7 of camera.md: one frame of each A3DP/1 message in hex. Plain Python 3, no packages.
+"""Prints the vectors of camera.md: one frame of each A3DP/1 message in hex. Plain Python 3, no packages.
 
 A third reading of the page, beside the client's and the simulator's. To renew the page:
-    sed -i '/^## 7/q' camera.md && python3 a3dp_vectors.py >> camera.md
+    sed -i '/^`hello`: /,$d' camera.md && python3 a3dp_vectors.py >> camera.md
 """
 import struct
 
@@ -76,7 +76,7 @@ frame_end = struct.pack("<QQB3xIHH", 9, TRIGGER_ID, 0, 1, 3, 0) + b"".join(
     struct.pack("<QII", len(data), crc32c(data), 0) for _, _, _, data in COMPONENTS)
 
 VECTORS = [
-    ("hello", "client, first frame", frame(0x01, struct.pack("<5B3x", 1, 0, 1, 0, 1) + str8("bladescan"), 1, 0)),
+    ("hello", "client, first frame", frame(0x01, struct.pack("<5B3xQ", 1, 0, 1, 0, 1, 0xB1ADE5CA00000001) + str8("bladescan"), 1, 0)),
     ("hello_ok", "its answer, the server's first frame",
      frame(0x02, struct.pack("<4BIQQIIIIQ", 1, 0, 1, 1, 7, 0x1122334455667788, 4242, 20261121, 1_000_000_000, 65536, 1048576,
                              67108864)
@@ -102,12 +102,14 @@ VECTORS = [
     ("frame_chunk_1", "INTENSITY", frame(0x31, chunk(1), 0, 8)),
     ("frame_chunk_2", "MASK", frame(0x31, chunk(2), 0, 9)),
     ("frame_end", "", frame(0x32, frame_end, 0, 10, 4)),
+    ("fetch", "after a lost connection", frame(0x33, struct.pack("<Q", TRIGGER_ID), 10, 9)),
+    ("fetch_ok", "in flight", frame(0x34, struct.pack("<QB3xI", TRIGGER_ID, 1, 90000), 10, 25, 1)),
     ("abort", "all", frame(0x40, struct.pack("<Q", NONE), 7, 6)),
     ("aborted", "caught while exposing", frame(0x41, struct.pack("<QB3x", TRIGGER_ID, 2), 7, 21, 1)),
     ("get_status", "", frame(0x50, b"", 8, 7)),
     ("status", "by itself",
      frame(0x51, struct.pack("<BBH4f8IHH", 2, 0, 0, 35.5, 30.0, 30.25, NAN, 2400, 2400, 6, 6, 0, 0, 0, 1000, 0, 0), 0, 22)),
-    ("event", "cool-down pause", frame(0x52, struct.pack("<HHQQ", 5, 0, NONE, 5_000_000) + str16("LED pause 200 ms"), 0, 23)),
+    ("event", "cool-down pause", frame(0x52, struct.pack("<HHQQI", 5, 0, NONE, 5_000_000, 200) + str16("LED pause 200 ms"), 0, 23)),
     ("ping", "from the client", frame(0x60, struct.pack("<Q", 123456789), 9, 8)),
     ("pong", "from the server", frame(0x61, struct.pack("<QQQ", 123456789, 6_000_000, 7_000_000), 9, 24, 1)),
     ("error", "a trigger refused: not armed",
@@ -120,4 +122,4 @@ for name, note, data in VECTORS:
     print(f"\n```hex {name}")
     for start in range(0, len(data), 32):
         print(data[start:start + 32].hex(" ", 4))
-    print("```\n")
+    print("```" if name == VECTORS[-1][0] else "```\n")

@@ -53,6 +53,7 @@ pub(crate) fn hello() -> Message {
         max_version: [1, 0],
         role: 1,
         reserved: Zero,
+        run_id: 1,
         client_name: Str8("test".to_owned()),
     })
 }

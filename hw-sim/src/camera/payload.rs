@@ -13,6 +13,8 @@ wire_struct! {
         pub role: u8,
         /// 0.
         pub reserved: Zero<3>,
+        /// Names the run; 0 from an observer.
+        pub run_id: u64,
         /// 1 to 64 bytes.
         pub client_name: Str8,
     }
@@ -397,6 +399,8 @@ wire_struct! {
         pub trigger_id: u64,
         /// When.
         pub device_ns: u64,
+        /// How long it lasts, if known; else 0.
+        pub duration_ms: u32,
         /// For people.
         pub text: Str16,
     }

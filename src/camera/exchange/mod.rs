@@ -296,6 +296,7 @@ impl Exchange {
         let config_id = self.configured.map_or(0, |configured| configured.config_id);
         let request_id = self.say(match request {
             Opening::Hello => ClientMessage::Hello {
+                run_id: RUN_ID,
                 client_name: "bladescan".into(),
             },
             Opening::Caps => ClientMessage::GetCaps,
@@ -387,6 +388,8 @@ const TRIGGER_OK_MS: u64 = 500;
 const EXPOSURE_EXTRA_MS: u64 = 1000;
 const TRANSFER_BYTES_PER_MS: u64 = 20_000;
 const LEAVE_MS: u64 = 1000;
+/// Each connection is a run of its own as long as none is opened again.
+const RUN_ID: u64 = 1;
 
 /// The components every configuration asks for.
 pub const COMPONENTS_WANTED: u32 = ComponentKind::WANTED;

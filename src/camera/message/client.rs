@@ -9,6 +9,8 @@ use crate::camera::settings::CameraSettings;
 pub enum ClientMessage {
     /// The greeting.
     Hello {
+        /// Names the run; not 0.
+        run_id: u64,
         /// Who we are.
         client_name: String,
     },
@@ -69,8 +71,9 @@ impl ClientMessage {
     pub fn encode(&self) -> (u16, Vec<u8>) {
         let mut payload = Vec::new();
         let kind = match self {
-            Self::Hello { client_name } => {
+            Self::Hello { run_id, client_name } => {
                 payload.extend_from_slice(&[1, 0, 1, 0, 1, 0, 0, 0]);
+                payload.extend_from_slice(&run_id.to_le_bytes());
                 put_str8(&mut payload, client_name);
                 0x01
             }

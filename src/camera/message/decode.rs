@@ -64,7 +64,7 @@ impl ServerMessage {
             0x52 => {
                 let code = fields.u16()?;
                 fields.reserved(2)?;
-                fields.bytes(16)?;
+                fields.bytes(16 + 4)?; // trigger id, device clock, duration
                 Self::Event {
                     code,
                     text: fields.str16()?,

@@ -17,6 +17,7 @@ fn what_the_client_says_equals_the_vectors_of_the_page() {
     for (message, name) in [
         (
             ClientMessage::Hello {
+                run_id: 0xB1AD_E5CA_0000_0001,
                 client_name: "bladescan".into(),
             },
             "hello",
