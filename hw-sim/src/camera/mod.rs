@@ -2,8 +2,10 @@
 
 pub mod a3dp;
 mod acquisition;
+mod capture;
 pub mod device;
 pub mod fields;
+mod frame;
 mod identity;
 pub mod message;
 mod noise;
