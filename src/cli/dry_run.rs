@@ -36,6 +36,9 @@ pub(super) struct Args {
     /// How the simulated blade throws light back.
     #[arg(long, value_enum, default_value_t = Surface::Matte)]
     surface: Surface,
+    /// Part of the simulated camera's artefacts to leave out; may be repeated (docs/simulator.md).
+    #[arg(long, value_name = "TERM")]
+    without: Vec<String>,
     /// Fault to inject, KIND[=VALUE][@VIEW]; may be repeated, `bladescan sim faults` lists them.
     #[arg(long = "fault", value_name = "SPEC")]
     faults: Vec<String>,
@@ -79,6 +82,7 @@ pub(super) fn main(args: Args) -> Result<Exit, Failure> {
         blade,
         optics: recipe.meaning.camera.optics.name(),
         surface: word(args.surface),
+        without: args.without,
         serial: matches!(args.link, Link::Serial),
         base_from_camera: station.meaning.base_from_camera,
         tool_from_blade: station.meaning.tool_from_blade,
