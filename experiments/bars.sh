@@ -13,7 +13,8 @@ trap 'rm -rf "$work"' EXIT
 for blade in hpt-blade-a hpt-blade-b hpt-blade-c lpt-blade; do
   recipe=$blade$variant
   dir="$work/$recipe"
-  $bin dry-run "config/recipes/$recipe.toml" --seed "$seed" --surface "$surface" --out "$dir" --json >"$dir.json" 2>"$dir.log"
+  # Fewer views than wanted is a figure here, not the end.
+  $bin dry-run "config/recipes/$recipe.toml" --seed "$seed" --surface "$surface" --out "$dir" --json >"$dir.json" 2>"$dir.log" || [ $? = 3 ]
   $bin sim score "$dir" >"$dir.score"
   python3 - "$recipe" "$dir.json" "$dir.score" <<'PY'
 import json, statistics, sys
@@ -33,7 +34,7 @@ PY
     printf '%12s replay on %s: ' '' "$threads"
     RAYON_NUM_THREADS=$threads $bin replay "$dir/run.mcap" | tail -n 1
   done
-  RAYON_NUM_THREADS=1 $bin dry-run "config/recipes/$recipe.toml" --seed "$seed" --surface "$surface" --out "$dir-again" 2>>"$dir.log"
+  RAYON_NUM_THREADS=1 $bin dry-run "config/recipes/$recipe.toml" --seed "$seed" --surface "$surface" --out "$dir-again" 2>>"$dir.log" || [ $? = 3 ]
   for file in poses.json model.ply; do
     cmp "$dir/$file" "$dir-again/$file" && printf '%12s again on 1 thread: %s byte-equal\n' '' "$file"
   done

@@ -204,7 +204,7 @@ impl Surface {
             },
             finish: Finish {
                 diffuse: 0.35,
-                specular_ratio: 4.5,
+                specular_ratio: 5.0,
                 lobe_rad: 12_f64.to_radians(),
                 noise_factor: 1.5,
                 mirror_fraction: 0.4,
