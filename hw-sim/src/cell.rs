@@ -158,7 +158,7 @@ impl Cell {
             &scene.blade,
             scene.seed,
             scene.optics.name,
-            scene.noise,
+            scene.surface,
             scene.pose_error,
         );
         truth.faults = scene.faults.iter().map(ToString::to_string).collect();

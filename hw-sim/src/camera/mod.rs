@@ -2,14 +2,21 @@
 
 pub mod a3dp;
 mod acquisition;
+mod artefacts;
+mod capture;
 pub mod device;
 pub mod fields;
+mod frame;
+mod grid;
 mod identity;
 pub mod message;
 mod noise;
 pub mod optics;
 pub mod payload;
+mod radiometry;
 pub mod render;
 mod session;
 pub mod settings;
+mod site;
+pub mod surface;
 pub mod transfer;
