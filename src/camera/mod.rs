@@ -12,7 +12,7 @@ mod payload;
 mod settings;
 mod wire;
 
-pub use capture::{Assembly, Capture, FrameError};
+pub use capture::{Assembly, Capture, CapturedPoints, FrameError};
 pub use exchange::{COMPONENTS_WANTED, CameraEvent, CameraOutput, Exchange, ExchangeSettings, Opened, Trouble};
 pub use message::{
     Aborted, AcquisitionPhase, Arm, Bye, CameraError, CameraState, CameraStatus, Caps, ClientMessage, Component,

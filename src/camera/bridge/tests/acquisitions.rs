@@ -62,7 +62,8 @@ fn the_exchange_of_a_run_gets_its_frame_from_the_bridge() {
         })
         .collect();
     assert_eq!(frames.len(), 1, "{events:?}");
-    assert_eq!(frames[0].grid_mm()[PIXELS - 1], [7.0; 3]);
+    let last = (frames[0].height_px as usize - 1, frames[0].width_px as usize - 1);
+    assert_eq!(frames[0].grid().point(last.0, last.1), Some([7.0; 3]));
     assert!(exchange.is_armed());
 }
 
