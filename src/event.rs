@@ -59,8 +59,8 @@ pub enum Event {
     ViewPrepared {
         view_index: usize,
         point_count: usize,
-        /// Valid pixels without a reliable surface direction, left out.
-        unreliable_count: usize,
+        /// What was taken out.
+        removed: RemovedCounts,
     },
     /// The view joined the model.
     ViewMerged {
@@ -117,6 +117,52 @@ pub struct ViewFigures {
     pub from_prior_mm: f64,
     /// Directions that the surfaces do not determine.
     pub weak_direction_count: usize,
+}
+
+/// How many points of a view were taken out before it was registered, by reason.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct RemovedCounts {
+    /// No surface about them.
+    pub isolated: usize,
+    /// Off the surface, beside a hole or the end of the surface.
+    pub flying: usize,
+    /// Off the surface, in its midst.
+    pub outlier: usize,
+    /// In a small patch before or behind the surface.
+    pub patch: usize,
+    /// Seen at too large an angle.
+    pub grazing: usize,
+    /// Too few neighbours for a normal.
+    pub edge: usize,
+}
+
+impl RemovedCounts {
+    /// All reasons by name, in their order.
+    pub fn by_reason(&self) -> [(&'static str, usize); 6] {
+        [
+            ("isolated", self.isolated),
+            ("flying", self.flying),
+            ("outlier", self.outlier),
+            ("patch", self.patch),
+            ("grazing", self.grazing),
+            ("edge", self.edge),
+        ]
+    }
+
+    /// All together.
+    pub fn total(&self) -> usize {
+        self.by_reason().iter().map(|(_, count)| count).sum()
+    }
+
+    fn words(&self) -> String {
+        let found = self.by_reason().into_iter().filter(|(_, count)| *count > 0);
+        let reasons: Vec<String> = found.map(|(name, count)| format!("{count} {name}")).collect();
+        match self.total() {
+            0 => String::new(),
+            total => format!(", {total} taken out ({})", reasons.join(", ")),
+        }
+    }
 }
 
 /// Who asked for a hold.
@@ -187,8 +233,11 @@ impl Event {
             Self::ViewPrepared {
                 view_index,
                 point_count,
-                ..
-            } => format!("view {view_index}: {point_count} points with normals"),
+                removed,
+            } => format!(
+                "view {view_index}: {point_count} points with normals{}",
+                removed.words()
+            ),
             Self::ViewMerged {
                 view_index,
                 figures,

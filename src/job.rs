@@ -1,12 +1,13 @@
 //! Jobs: the numeric work of a run, as pure functions of their input. The pool runs them; replay runs them again.
 
 use crate::camera::Capture;
-use crate::geometry::normals::{GridNormals, normals_from_grid};
+use crate::cleaning;
+use crate::event::RemovedCounts;
 use crate::geometry::{PointCloud, matrix_rows};
 use crate::reconstruction::{Decision, Model, ViewRegistration, ViewSettings, register_view};
 use crate::registration::Stage;
 use crate::seed::{Seed, Stream};
-use nalgebra::{Isometry3, Point3};
+use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 use std::sync::Arc;
@@ -14,12 +15,14 @@ use std::sync::Arc;
 /// Something to compute.
 #[derive(Debug, Clone)]
 pub enum Job {
-    /// A frame becomes a cloud with normals.
+    /// A frame becomes a clean cloud with normals.
     Prepare {
         /// Which view.
         view_index: usize,
         /// The frame.
         capture: Arc<Capture>,
+        /// What is taken for a wrong point.
+        cleaning: cleaning::Settings,
     },
     /// A view is registered to the model and merged if it may be.
     Register(Box<RegisterJob>),
@@ -51,8 +54,8 @@ pub enum JobOutput {
     Prepared {
         /// The cloud, camera frame, mm, with normals.
         cloud: Arc<PointCloud>,
-        /// Valid pixels without a reliable surface direction, left out.
-        unreliable_count: usize,
+        /// What was taken out.
+        removed: RemovedCounts,
     },
     /// Of [`Job::Register`].
     Registered {
@@ -108,15 +111,14 @@ impl Job {
     /// Does it. `on_stage` is called with the stage's name when one ends, so that the caller can take the time.
     pub fn run(&self, on_stage: &mut dyn FnMut(&str)) -> JobOutput {
         match self {
-            Self::Prepare { capture, .. } => {
-                let grid = capture.grid_mm();
+            Self::Prepare { capture, cleaning, .. } => {
+                let grid = capture.grid();
                 on_stage("decode");
-                let camera = Point3::origin();
-                let found = normals_from_grid(&grid, capture.width_px as usize, &camera, &GridNormals::default());
-                on_stage("normals");
+                let (cloud, removed) = cleaning::clean(grid, cleaning);
+                on_stage("clean");
                 JobOutput::Prepared {
-                    cloud: Arc::new(found.cloud),
-                    unreliable_count: found.unreliable_count,
+                    cloud: Arc::new(cloud),
+                    removed,
                 }
             }
             Self::Register(job) => job.run(on_stage),
@@ -158,12 +160,11 @@ impl JobOutput {
     pub fn digest(&self) -> String {
         let mut hash = Sha256::new();
         match self {
-            Self::Prepared {
-                cloud,
-                unreliable_count,
-            } => {
+            Self::Prepared { cloud, removed } => {
                 hash.update(b"prepared");
-                hash.update((*unreliable_count as u64).to_le_bytes());
+                for (_, count) in removed.by_reason() {
+                    hash.update((count as u64).to_le_bytes());
+                }
                 update_numbers(&mut hash, cloud.points().iter().flat_map(|point| point.coords.iter()));
                 update_numbers(&mut hash, cloud.normals().unwrap_or_default().iter().flatten());
             }
@@ -190,10 +191,17 @@ impl JobOutput {
     }
 }
 
+/// Hashes the bits of numbers, a few hundred at a time.
 fn update_numbers<'a>(hash: &mut Sha256, numbers: impl IntoIterator<Item = &'a f64>) {
+    let mut bytes = Vec::with_capacity(NUMBER_BYTES_MAX);
     for number in numbers {
-        hash.update(number.to_bits().to_le_bytes());
+        bytes.extend_from_slice(&number.to_bits().to_le_bytes());
+        if bytes.len() == NUMBER_BYTES_MAX {
+            hash.update(&bytes);
+            bytes.clear();
+        }
     }
+    hash.update(&bytes);
 }
 
 /// Bytes as lower-case hexadecimal digits.
@@ -205,3 +213,5 @@ pub fn hex(bytes: &[u8]) -> String {
 pub fn sha256(bytes: &[u8]) -> String {
     hex(&Sha256::digest(bytes))
 }
+
+const NUMBER_BYTES_MAX: usize = 4096;

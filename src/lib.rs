@@ -3,6 +3,7 @@
 //! See `ARCHITECTURE.md` for the floors, the flow of one view and the invariants.
 
 pub mod camera;
+pub mod cleaning;
 pub mod cli;
 pub mod controller;
 pub mod event;

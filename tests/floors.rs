@@ -10,6 +10,7 @@ const FLOORS: &[(&str, u8)] = &[
     ("fault", 0),
     ("seed", 0),
     ("stamp", 0),
+    ("cleaning", 1),
     ("registration", 1),
     ("reconstruction", 1),
     ("robot", 2),

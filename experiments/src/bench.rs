@@ -6,11 +6,14 @@ use std::hint::black_box;
 use std::io::Write;
 use std::time::Instant;
 
+use bladescan::camera::{Capture, CapturedPoints, TriggerId};
+use bladescan::cleaning;
 use bladescan::geometry::PointCloud;
 use bladescan::geometry::nearest::NearestPoints;
 use bladescan::geometry::normals::with_estimated_normals;
 use bladescan::geometry::sampling::random_indices;
-use bladescan::registration::field::{FORCE_ERROR_MAX, Field, Kernel};
+use bladescan::geometry::simd::Kernel;
+use bladescan::registration::field::{FORCE_ERROR_MAX, Field};
 use bladescan::registration::mpe::descend;
 use bladescan::registration::{MpeSettings, Reference, Search, Settings, Summation, register_from};
 use bladescan::seed::{Seed, Stream};
@@ -44,6 +47,7 @@ pub(crate) fn run(arguments: &BenchArguments) -> Result<(), Box<dyn Error>> {
     let one = ThreadPoolBuilder::new().num_threads(1).build()?;
     let all = ThreadPoolBuilder::new().num_threads(arguments.threads).build()?;
     one.install(|| kernels(arguments, &mut out))?;
+    one.install(|| frame(arguments, &mut out))?;
     let force_error = all.install(|| mpe(arguments, &mut out))?;
     all.install(|| view(arguments, &mut out))?;
     if force_error > FORCE_ERROR_MAX {
@@ -272,6 +276,54 @@ fn force_error(template: &[Point3<f64>], reference: &[Point3<f64>]) -> f64 {
             (fast.force - exact.force).norm() / parts.sum::<f64>()
         });
     largest.fold(0.0, f64::max)
+}
+
+/// A whole frame on one core: decoded, judged, and handed on as a cloud.
+fn frame(arguments: &BenchArguments, out: &mut impl Write) -> std::io::Result<()> {
+    let (width, height) = if arguments.quick { (360, 270) } else { (1440, 1080) };
+    let count = (width * height) as usize;
+    let xyz = (0..height).flat_map(|row| {
+        (0..width).flat_map(move |column| {
+            let [u, v] = [(column as f32 - 720.0) * 1.4e-4, (row as f32 - 540.0) * 1.4e-4];
+            let noise = 0.03 * (((column * 131 + row * 977) as f32 * 0.819).sin() * 43_758.547).fract();
+            let z = 280.0 + 3.0 * (column as f32 * 0.01).sin() * (row as f32 * 0.013).cos() + noise;
+            [u * z, v * z, z].into_iter().flat_map(f32::to_le_bytes)
+        })
+    });
+    let capture = Capture {
+        trigger_id: TriggerId(0),
+        width_px: width,
+        height_px: height,
+        valid_count: width * height,
+        saturated_count: 0,
+        points: CapturedPoints::Xyz(xyz.collect()),
+        intensity: None,
+        confidence: None,
+        mask: vec![0; count],
+    };
+    writeln!(out, "\na frame of {count} valid points on one core (ms)")?;
+    let (decode_s, grid) = best_of(arguments.repeats(), || capture.grid());
+    writeln!(out, "  {:<26} {:>7.1}", "camera decode", decode_s * 1e3)?;
+    for kernel in Kernel::available() {
+        let judged = || {
+            let grid = grid.clone();
+            let begun = Instant::now();
+            let judged = cleaning::judge(grid, &cleaning::Settings::default(), kernel);
+            (begun.elapsed().as_secs_f64(), judged)
+        };
+        let clean_s = (0..arguments.repeats())
+            .map(|_| judged().0)
+            .fold(f64::INFINITY, f64::min);
+        writeln!(
+            out,
+            "  {:<26} {:>7.1}",
+            format!("clean, normals ({})", kernel.name()),
+            clean_s * 1e3
+        )?;
+    }
+    let judged = cleaning::judge(grid, &cleaning::Settings::default(), Kernel::fastest());
+    let (cloud_s, cloud) = best_of(arguments.repeats(), || judged.cloud());
+    writeln!(out, "  {:<26} {:>7.1}  {} points", "cloud", cloud_s * 1e3, cloud.len())
 }
 
 /// The stages of one view of 50,000 points registered to a model of 400,000, from a start like the robot's.

@@ -1,5 +1,6 @@
 //! Random and mutated inputs for every decoder, where no fuzzer is at hand: nothing may panic, nothing may grow.
 
+mod camera;
 mod host;
 mod hses;
 
@@ -19,6 +20,9 @@ pub(crate) struct FuzzArguments {
     /// How many inputs, over all decoders.
     #[arg(long, default_value_t = 1_000_000)]
     count: u64,
+    /// Only decoders whose name begins so.
+    #[arg(long, default_value = "")]
+    only: String,
     /// Seed of the inputs.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -84,6 +88,18 @@ const DECODERS: &[Decoder] = &[
         seeds: host::serial_seeds,
         mend: |_| {},
     },
+    Decoder {
+        name: "camera frames and messages",
+        feed: camera::frames,
+        seeds: camera::frame_seeds,
+        mend: camera::mend_frames,
+    },
+    Decoder {
+        name: "camera points, cleaned",
+        feed: camera::points,
+        seeds: camera::points_seeds,
+        mend: |_| {},
+    },
 ];
 
 /// What came of some inputs.
@@ -98,9 +114,12 @@ pub(crate) fn run(arguments: &FuzzArguments) -> Result<(), Box<dyn Error>> {
     let mut out = std::io::stdout().lock();
     writeln!(out, "| decoder | inputs | taken | refused | broken | s |")?;
     writeln!(out, "|---|---|---|---|---|---|")?;
-    let each = arguments.count.div_ceil(DECODERS.len() as u64);
+    let chosen = |decoder: &&Decoder| decoder.name.starts_with(&arguments.only);
+    let each = arguments
+        .count
+        .div_ceil(DECODERS.iter().filter(chosen).count().max(1) as u64);
     let mut broken = 0;
-    for (index, decoder) in DECODERS.iter().enumerate() {
+    for (index, decoder) in DECODERS.iter().enumerate().filter(|(_, decoder)| chosen(decoder)) {
         let begun = Instant::now();
         let tally = try_all(decoder, each, arguments.seed, index as u64);
         writeln!(

@@ -5,6 +5,7 @@ mod bound;
 mod bsc;
 mod camera;
 mod cases;
+mod cleaning;
 mod doubt;
 mod frames;
 mod fuzz;
@@ -49,6 +50,8 @@ enum Command {
     Frames(frames::FramesArguments),
     /// Prints one table of the registration's speed: kernels, full-sample MPE, one view by stage.
     Bench(bench::BenchArguments),
+    /// Compares what cleaning takes out with the simulator's truth.
+    Cleaning(cleaning::CleaningArguments),
     /// Registers two clouds of ten million points: time by stage and memory.
     Large(large::LargeArguments),
     /// Drives the arm over a bad wire and in a bad cell, many times.
@@ -71,6 +74,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Command::Fuzz(arguments) => fuzz::run(&arguments),
         Command::Frames(arguments) => frames::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
+        Command::Cleaning(arguments) => cleaning::run(&arguments),
         Command::Large(arguments) => large::run(&arguments),
         Command::Wire(arguments) => wire::run(&arguments),
         Command::Camera(arguments) => camera::run(&arguments),

@@ -1,6 +1,7 @@
 //! Frames: assembled from chunks, believed only as a whole.
 
-use super::message::{Component, ComponentKind, FrameBegin, FrameEnd, TriggerId};
+use super::message::{Component, ComponentKind, FrameBegin, FrameChunk, FrameEnd, FrameStatus, TriggerId};
+use crate::geometry::grid::Grid;
 use thiserror::Error;
 
 /// One complete frame, every byte checked.
@@ -16,30 +17,67 @@ pub struct Capture {
     pub valid_count: u32,
     /// Pixels overexposed.
     pub saturated_count: u32,
-    /// XYZ component: f32 x, y, z per pixel, row-major, little-endian, mm; NaN = invalid.
-    pub xyz: Vec<u8>,
-    /// Camera 1's picture, one byte per pixel.
-    pub intensity: Vec<u8>,
+    /// Where the points are.
+    pub points: CapturedPoints,
+    /// Camera 1's picture, one byte per pixel, if it was sent.
+    pub intensity: Option<Vec<u8>>,
+    /// Matching score × 255, one byte per pixel, if it was sent.
+    pub confidence: Option<Vec<u8>>,
     /// Validity bits, one byte per pixel; bit 0 set = invalid.
     pub mask: Vec<u8>,
 }
 
+/// The points of a frame as they were sent, row by row, little-endian.
+#[derive(Debug, Clone, PartialEq)]
+pub enum CapturedPoints {
+    /// f32 x, y, z per pixel, mm; NaN = invalid.
+    Xyz(Vec<u8>),
+    /// u16 per pixel.
+    Range {
+        /// The values.
+        bytes: Vec<u8>,
+        /// x, y, z = column, row, value · scale + offset, mm.
+        scale: [f64; 3],
+        /// See `scale`.
+        offset: [f64; 3],
+    },
+}
+
 impl Capture {
-    /// The organised grid, row-major, mm in the camera frame; NaN in all three coordinates where the mask says invalid.
-    pub fn grid_mm(&self) -> Vec<[f32; 3]> {
-        let coordinate = |bytes: &[u8]| f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
-        self.xyz
-            .chunks_exact(12)
-            .zip(&self.mask)
-            .map(|(pixel, mask)| match mask & 1 {
-                0 => [
-                    coordinate(&pixel[0..4]),
-                    coordinate(&pixel[4..8]),
-                    coordinate(&pixel[8..12]),
-                ],
-                _ => [f32::NAN; 3],
-            })
-            .collect()
+    /// The organised grid, mm in the camera frame; nothing where the mask says invalid, or where the numbers are no point
+    /// before the camera.
+    pub fn grid(&self) -> Grid {
+        let (width, height) = (self.width_px as usize, self.height_px as usize);
+        Grid::from_rows(width, height, |row, out| {
+            let mask = &self.mask[row * width..][..width];
+            match &self.points {
+                CapturedPoints::Xyz(bytes) => {
+                    let (pixels, _) = bytes[row * width * 12..][..width * 12].as_chunks::<12>();
+                    for (((pixel, x), y), z) in pixels
+                        .iter()
+                        .zip(out.x.iter_mut())
+                        .zip(out.y.iter_mut())
+                        .zip(out.z.iter_mut())
+                    {
+                        let (coordinates, _) = pixel.as_chunks::<4>();
+                        *x = f32::from_le_bytes(coordinates[0]);
+                        *y = f32::from_le_bytes(coordinates[1]);
+                        *z = f32::from_le_bytes(coordinates[2]);
+                    }
+                }
+                CapturedPoints::Range { bytes, scale, offset } => {
+                    let (values, _) = bytes[row * width * 2..][..width * 2].as_chunks::<2>();
+                    for (column, value) in values.iter().enumerate() {
+                        out.x[column] = (column as f64 * scale[0] + offset[0]) as f32;
+                        out.y[column] = (row as f64 * scale[1] + offset[1]) as f32;
+                        out.z[column] = (f64::from(u16::from_le_bytes(*value)) * scale[2] + offset[2]) as f32;
+                    }
+                }
+            }
+            for (z, mask) in out.z.iter_mut().zip(mask) {
+                *z = if mask & MASK_INVALID == 0 { *z } else { f32::NAN };
+            }
+        })
     }
 }
 
@@ -54,8 +92,8 @@ pub enum FrameError {
         /// The limit.
         max: u64,
     },
-    /// Not the three components that were configured.
-    #[error("the components are not those that were configured")]
+    /// No mask, or not one of XYZ and RANGE.
+    #[error("the components are no frame: a mask and either XYZ or RANGE are needed")]
     Components,
     /// A chunk out of order, of another frame or with too many bytes.
     #[error("chunk {chunk_index} of component {component_index} does not fit")]
@@ -78,6 +116,8 @@ pub enum FrameError {
 pub struct Assembly {
     begin: FrameBegin,
     components: Vec<Vec<u8>>,
+    /// Of what has come of each component.
+    crcs: Vec<u32>,
     current: usize,
     next_chunk: u32,
 }
@@ -96,13 +136,14 @@ impl Assembly {
                 max: frame_bytes_max,
             });
         }
-        let kinds: Vec<ComponentKind> = begin.components.iter().map(|component| component.kind).collect();
-        if kinds != [ComponentKind::Xyz, ComponentKind::Intensity, ComponentKind::Mask] {
+        let has = |kind| begin.components.iter().any(|component| component.kind == kind);
+        if !has(ComponentKind::Mask) || has(ComponentKind::Xyz) == has(ComponentKind::Range) {
             return Err(FrameError::Components);
         }
         let space = |component: &Component| Vec::with_capacity(component.byte_count as usize);
         Ok(Self {
             components: begin.components.iter().map(space).collect(),
+            crcs: vec![0; begin.components.len()],
             begin,
             current: 0,
             next_chunk: 0,
@@ -115,14 +156,14 @@ impl Assembly {
     }
 
     /// Takes the next chunk.
-    pub fn push(
-        &mut self,
-        frame_id: u64,
-        component_index: u16,
-        chunk_index: u32,
-        offset_bytes: u64,
-        data: &[u8],
-    ) -> Result<(), FrameError> {
+    pub fn push(&mut self, chunk: &FrameChunk<'_>) -> Result<(), FrameError> {
+        let FrameChunk {
+            frame_id,
+            component_index,
+            chunk_index,
+            offset_bytes,
+            data,
+        } = *chunk;
         let error = FrameError::Chunk {
             component_index,
             chunk_index,
@@ -140,6 +181,8 @@ impl Assembly {
             return Err(error);
         }
         bytes.extend_from_slice(data);
+        let crc = &mut self.crcs[self.current];
+        *crc = crc32c::crc32c_append(*crc, data);
         self.next_chunk += 1;
         if bytes.len() as u64 == expected.byte_count {
             self.current += 1;
@@ -153,34 +196,51 @@ impl Assembly {
         let whole = self.current == self.components.len()
             && end.frame_id == self.begin.frame_id
             && end.trigger_id == self.begin.trigger_id
-            && end.status == 0
+            && end.status == FrameStatus::Complete
             && end.valid_count == self.begin.valid_count
             && end.components.len() == self.components.len();
         if !whole {
             return Err(FrameError::End);
         }
-        for (index, (bytes, (byte_count, crc))) in self.components.iter().zip(&end.components).enumerate() {
-            if bytes.len() as u64 != *byte_count {
+        for (index, (bytes, sent)) in self.components.iter().zip(&end.components).enumerate() {
+            if bytes.len() as u64 != sent.byte_count {
                 return Err(FrameError::End);
             }
-            if crc32c::crc32c(bytes) != *crc {
+            if self.crcs[index] != sent.crc {
                 return Err(FrameError::Crc(index));
             }
         }
-        let [xyz, intensity, mask] =
-            <[Vec<u8>; 3]>::try_from(self.components).expect("begin() checked that there are three");
+        let begin = self.begin;
+        let kinds = begin.components.iter().map(|component| component.kind);
+        let mut parts: Vec<(ComponentKind, Vec<u8>)> = kinds.zip(self.components).collect();
+        let mut take = |wanted: ComponentKind| {
+            let place = parts.iter().position(|(kind, _)| *kind == wanted)?;
+            Some(parts.swap_remove(place).1)
+        };
+        let points = match take(ComponentKind::Xyz) {
+            Some(bytes) => CapturedPoints::Xyz(bytes),
+            None => CapturedPoints::Range {
+                bytes: take(ComponentKind::Range).expect("begin() checked that there is XYZ or RANGE"),
+                scale: begin.scale,
+                offset: begin.offset,
+            },
+        };
         Ok(Capture {
-            trigger_id: self.begin.trigger_id,
-            width_px: self.begin.width_px,
-            height_px: self.begin.height_px,
-            valid_count: self.begin.valid_count,
-            saturated_count: self.begin.saturated_count,
-            xyz,
-            intensity,
-            mask,
+            trigger_id: begin.trigger_id,
+            width_px: begin.width_px,
+            height_px: begin.height_px,
+            valid_count: begin.valid_count,
+            saturated_count: begin.saturated_count,
+            points,
+            intensity: take(ComponentKind::Intensity),
+            confidence: take(ComponentKind::Confidence),
+            mask: take(ComponentKind::Mask).expect("begin() checked that there is a mask"),
         })
     }
 }
+
+/// Bit of the mask: no coordinates.
+const MASK_INVALID: u8 = 1;
 
 #[cfg(test)]
 mod tests {
@@ -189,38 +249,32 @@ mod tests {
     use crate::camera::wire::HEADER_BYTES;
     use crate::vectors::a3dp;
 
-    fn heard(name: &str) -> ServerMessage {
-        let bytes = a3dp(name);
-        let kind = u16::from_le_bytes([bytes[6], bytes[7]]);
-        ServerMessage::decode(kind, &bytes[HEADER_BYTES..]).unwrap().unwrap()
+    fn begin() -> FrameBegin {
+        let bytes = a3dp("frame_begin");
+        match ServerMessage::decode(0x30, &bytes[HEADER_BYTES..]).unwrap() {
+            Some(ServerMessage::FrameBegin(begin)) => *begin,
+            other => panic!("{other:?}"),
+        }
     }
 
     fn assembly() -> Assembly {
-        let ServerMessage::FrameBegin(begin) = heard("frame_begin") else {
-            panic!()
-        };
-        Assembly::begin(*begin, 1 << 20).unwrap()
+        Assembly::begin(begin(), 1 << 20).unwrap()
     }
 
     fn push(assembly: &mut Assembly, name: &str) -> Result<(), FrameError> {
-        let ServerMessage::FrameChunk {
-            frame_id,
-            component_index,
-            chunk_index,
-            offset_bytes,
-            data,
-        } = heard(name)
-        else {
-            panic!()
-        };
-        assembly.push(frame_id, component_index, chunk_index, offset_bytes, &data)
+        let bytes = a3dp(name);
+        match ServerMessage::decode(0x31, &bytes[HEADER_BYTES..]).unwrap() {
+            Some(ServerMessage::FrameChunk(chunk)) => assembly.push(&chunk),
+            other => panic!("{other:?}"),
+        }
     }
 
     fn end() -> FrameEnd {
-        let ServerMessage::FrameEnd(end) = heard("frame_end") else {
-            panic!()
-        };
-        end
+        let bytes = a3dp("frame_end");
+        match ServerMessage::decode(0x32, &bytes[HEADER_BYTES..]).unwrap() {
+            Some(ServerMessage::FrameEnd(end)) => end,
+            other => panic!("{other:?}"),
+        }
     }
 
     #[test]
@@ -230,10 +284,10 @@ mod tests {
             push(&mut assembly, name).unwrap();
         }
         let capture = assembly.end(&end()).unwrap();
-        let grid = capture.grid_mm();
-        assert_eq!(grid[0], [1.0, -2.0, 300.5]);
-        assert!(grid[1].iter().all(|value| value.is_nan()));
-        assert_eq!(capture.intensity, [200, 10]);
+        let grid = capture.grid();
+        assert_eq!(grid.point(0, 0), Some([1.0, -2.0, 300.5]));
+        assert_eq!(grid.point(0, 1), None);
+        assert_eq!(capture.intensity, Some(vec![200, 10]));
     }
 
     #[test]
@@ -250,18 +304,61 @@ mod tests {
             push(&mut spoilt, name).unwrap();
         }
         let mut wrong = end();
-        wrong.components[1].1 ^= 1;
+        wrong.components[1].crc ^= 1;
         assert_eq!(spoilt.end(&wrong), Err(FrameError::Crc(1)));
     }
 
     #[test]
     fn a_frame_beyond_the_limit_is_refused_before_memory_is_taken() {
-        let ServerMessage::FrameBegin(begin) = heard("frame_begin") else {
-            panic!()
-        };
         assert!(matches!(
-            Assembly::begin(*begin, 27),
+            Assembly::begin(begin(), 27),
             Err(FrameError::TooLarge { stated: 28, max: 27 })
         ));
+    }
+
+    #[test]
+    fn a_range_image_becomes_points_by_scale_and_offset() {
+        let capture = Capture {
+            trigger_id: TriggerId(0),
+            width_px: 2,
+            height_px: 2,
+            valid_count: 3,
+            saturated_count: 0,
+            points: CapturedPoints::Range {
+                bytes: [0u16, 10, 20, 65_535].map(u16::to_le_bytes).concat(),
+                scale: [0.5, 0.25, 0.01],
+                offset: [-10.0, -20.0, 300.0],
+            },
+            intensity: None,
+            confidence: None,
+            mask: vec![0, 0, 1, 2],
+        };
+        let grid = capture.grid();
+        assert_eq!(grid.point(0, 0), Some([-10.0, -20.0, 300.0]));
+        assert_eq!(grid.point(0, 1), Some([-9.5, -20.0, 300.1]));
+        assert_eq!(grid.point(1, 0), None);
+        assert_eq!(grid.point(1, 1), Some([-9.5, -19.75, 955.35]));
+    }
+
+    #[test]
+    fn a_frame_needs_a_mask_and_one_kind_of_points() {
+        let kinds = |wanted: &[ComponentKind]| {
+            let mut begin = begin();
+            begin.components = wanted
+                .iter()
+                .map(|&kind| Component {
+                    kind,
+                    chunk_count: 1,
+                    byte_count: 2 * kind.pixel_bytes(),
+                })
+                .collect();
+            Assembly::begin(begin, 1 << 20).map(|_| ())
+        };
+        use ComponentKind::{Confidence, Intensity, Mask, Range, Xyz};
+        assert_eq!(kinds(&[Range, Confidence, Mask]), Ok(()));
+        assert_eq!(kinds(&[Xyz, Mask]), Ok(()));
+        assert_eq!(kinds(&[Xyz, Intensity]), Err(FrameError::Components));
+        assert_eq!(kinds(&[Xyz, Range, Mask]), Err(FrameError::Components));
+        assert_eq!(kinds(&[Intensity, Mask]), Err(FrameError::Components));
     }
 }

@@ -1,7 +1,8 @@
 //! The views between the camera and the model: prepared as they come, registered and merged in index order.
 
 use super::Output;
-use crate::event::{Event, ViewFigures};
+use crate::cleaning;
+use crate::event::{Event, RemovedCounts, ViewFigures};
 use crate::geometry::PointCloud;
 use crate::job::{FinishedJob, Job, JobOutput, RegisterJob, StageTime};
 use crate::plan::{PlannedView, camera_relative};
@@ -24,6 +25,8 @@ pub struct ViewRecord {
     pub attempt: u16,
     /// Points of its cloud.
     pub point_count: usize,
+    /// What was taken out of its frame before.
+    pub removed: RemovedCounts,
     /// Figures of its registration.
     pub figures: ViewFigures,
     /// How long the stages of its jobs took.
@@ -55,6 +58,7 @@ pub enum ViewOutcome {
 /// The views between the camera and the model.
 #[derive(Debug)]
 pub(super) struct Backlog {
+    cleaning: cleaning::Settings,
     settings: ViewSettings,
     start: Start,
     coincident_distance_mm: f64,
@@ -97,11 +101,13 @@ impl Backlog {
             },
             attempt: 0,
             point_count: 0,
+            removed: RemovedCounts::default(),
             figures: ViewFigures::default(),
             times: Vec::new(),
             latency_ms: 0,
         };
         Self {
+            cleaning: recipe.cleaning,
             settings: view_settings(recipe),
             start: recipe.registration.start,
             coincident_distance_mm: recipe.merge.coincident_distance_mm,
@@ -138,7 +144,11 @@ impl Backlog {
             came: now,
             cloud: None,
         });
-        self.start_job(Job::Prepare { view_index, capture });
+        self.start_job(Job::Prepare {
+            view_index,
+            capture,
+            cleaning: self.cleaning,
+        });
     }
 
     /// No frame will come of a view.
@@ -152,15 +162,13 @@ impl Backlog {
         let (_, view_index) = self.jobs.remove(place);
         self.views[view_index].times.extend(done.times);
         match done.output {
-            JobOutput::Prepared {
-                cloud,
-                unreliable_count,
-            } => {
+            JobOutput::Prepared { cloud, removed } => {
                 self.views[view_index].point_count = cloud.len();
+                self.views[view_index].removed = removed;
                 self.outputs.push_back(Output::Event(Event::ViewPrepared {
                     view_index,
                     point_count: cloud.len(),
-                    unreliable_count,
+                    removed,
                 }));
                 self.outputs.push_back(Output::ViewCloud {
                     view_index,

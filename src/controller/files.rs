@@ -88,6 +88,10 @@ fn summary(header: &Header, backlog: &Backlog, ending: &Ending, merged_min_count
         *stages.entry(&time.name).or_default() += time.ns;
     }
     let stages: BTreeMap<&str, f64> = stages.into_iter().map(|(name, ns)| (name, seconds(ns))).collect();
+    let mut removed: BTreeMap<&str, usize> = BTreeMap::new();
+    for (reason, count) in views.iter().flat_map(|view| view.removed.by_reason()) {
+        *removed.entry(reason).or_default() += count;
+    }
     let entries: Vec<Value> = views
         .iter()
         .enumerate()
@@ -109,6 +113,7 @@ fn summary(header: &Header, backlog: &Backlog, ending: &Ending, merged_min_count
             "discarded": count("discarded"),
             "missing": count("missing"),
             "model_points": backlog.model().len(),
+            "removed": removed,
         },
         "timings": { "run_s": now.seconds(), "stages_s": stages },
         "views": entries,
@@ -125,6 +130,7 @@ fn summary_entry(index: usize, view: &ViewRecord) -> Value {
         "reason": reason,
         "retakes": view.attempt,
         "points": view.point_count,
+        "removed": view.removed,
         "overlap": { "count": figures.overlap_count, "fraction": figures.overlap_fraction },
         "rmse_mm": figures.rmse_mm,
         "from_robot_pose": { "rotation_deg": figures.from_prior_deg, "translation_mm": figures.from_prior_mm },

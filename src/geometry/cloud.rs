@@ -62,6 +62,15 @@ impl PointCloud {
         })
     }
 
+    /// Points that are known to be finite with normals that are known to be unit vectors, one each.
+    pub(crate) fn of_finite(points: Vec<Point3<f64>>, normals: Vec<Vector3<f64>>) -> Self {
+        debug_assert_eq!(points.len(), normals.len());
+        Self {
+            points,
+            normals: Some(normals),
+        }
+    }
+
     /// The points, `n × 3`.
     pub fn points(&self) -> &[Point3<f64>] {
         &self.points

@@ -3,6 +3,7 @@
 pub(crate) mod cells;
 mod cloud;
 mod formats;
+pub mod grid;
 pub mod nearest;
 pub mod normals;
 pub mod patches;
@@ -10,6 +11,7 @@ pub mod pcd;
 pub mod ply;
 mod rigid;
 pub mod sampling;
+pub mod simd;
 pub mod statistics;
 pub mod xyz;
 

@@ -168,6 +168,9 @@ pub const RECIPE_KEYS: &[Key] = &[
         "\"standard\"",
     ),
     default("camera.points_min", integer(1.0, 1_555_200.0, ""), "5000"),
+    default("cleaning.outlier_sigma", number(3.0, 100.0, ""), "5.0"),
+    default("cleaning.patch_max_px", integer(0.0, 10_000.0, "px"), "400"),
+    default("cleaning.incidence_max_deg", number(30.0, 90.0, "deg"), "75.0"),
     default("registration.start", Kind::Choice(&["robot", "previous"]), "\"robot\""),
     default("registration.sample_count", integer(50.0, 20_000.0, ""), "500"),
     optional(

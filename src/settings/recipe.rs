@@ -12,6 +12,7 @@ use super::keys::RECIPE_KEYS;
 use super::source::Source;
 use super::station::name_is_plain;
 use super::written::{CameraFile, MergeFile, RecipeFile, RegistrationFile, ViewsFile};
+use crate::cleaning;
 use crate::reconstruction::OverlapMin;
 
 /// What is measured, and how: one file per blade type.
@@ -31,6 +32,8 @@ pub struct Recipe {
     pub camera_from_fixture: Isometry3<f64>,
     /// How each view is taken.
     pub camera: CameraSettings,
+    /// What is taken out of each view before it is registered.
+    pub cleaning: cleaning::Settings,
     /// How each view is registered.
     pub registration: Registration,
     /// When and how a view joins the model.
@@ -239,6 +242,11 @@ impl Recipe {
             camera_from_fixture: written.presentation.isometry(),
             merge: merge(&source, &written.merge, &registration)?,
             camera,
+            cleaning: cleaning::Settings {
+                outlier_sigma: written.cleaning.outlier_sigma,
+                patch_max_count: written.cleaning.patch_max_px as usize,
+                incidence_max_rad: written.cleaning.incidence_max_deg.to_radians(),
+            },
             registration,
             retakes_max: written.run.retakes_max,
         })

@@ -20,6 +20,7 @@ pub(super) struct RecipeFile {
     pub(super) views: ViewsFile,
     pub(super) presentation: PoseFile,
     pub(super) camera: CameraFile,
+    pub(super) cleaning: CleaningFile,
     pub(super) registration: RegistrationFile,
     #[serde(default)]
     pub(super) merge: MergeFile,
@@ -59,6 +60,14 @@ pub(super) struct CameraFile {
     pub(super) pre_filtering: u8,
     pub(super) working_volume: WorkingVolume,
     pub(super) points_min: u32,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct CleaningFile {
+    pub(super) outlier_sigma: f64,
+    pub(super) patch_max_px: u32,
+    pub(super) incidence_max_deg: f64,
 }
 
 #[derive(Deserialize)]

@@ -5,53 +5,10 @@
 use nalgebra::{Point3, Vector3};
 
 use super::Pull;
-
-/// The vector instructions that sum a field. All of them give the same bits; only their speed differs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Kernel(Width);
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Width {
-    Portable,
-    #[cfg(target_arch = "x86_64")]
-    Avx2,
-    #[cfg(target_arch = "x86_64")]
-    Avx512,
-}
+pub use crate::geometry::simd::Kernel;
+pub(super) use crate::geometry::simd::{LANE_COUNT, Work};
 
 impl Kernel {
-    /// The kernels that this processor can run, the fastest one last; never empty.
-    pub fn available() -> Vec<Self> {
-        #[cfg_attr(not(target_arch = "x86_64"), expect(unused_mut, reason = "there is but one"))]
-        let mut kernels = vec![Self(Width::Portable)];
-        #[cfg(target_arch = "x86_64")]
-        {
-            if std::arch::is_x86_feature_detected!("avx2") {
-                kernels.push(Self(Width::Avx2));
-            }
-            if std::arch::is_x86_feature_detected!("avx512f") {
-                kernels.push(Self(Width::Avx512));
-            }
-        }
-        kernels
-    }
-
-    /// The fastest kernel that this processor can run.
-    pub fn fastest() -> Self {
-        Self::available().pop().unwrap_or(Self(Width::Portable))
-    }
-
-    /// What it is called in results.
-    pub fn name(self) -> &'static str {
-        match self.0 {
-            Width::Portable => "portable",
-            #[cfg(target_arch = "x86_64")]
-            Width::Avx2 => "avx2",
-            #[cfg(target_arch = "x86_64")]
-            Width::Avx512 => "avx512",
-        }
-    }
-
     /// The pull of all `blocks` on each of `points`, in order.
     pub(super) fn pulls(self, blocks: &[Block], points: &[Point3<f64>], softening: f32) -> Vec<Pull> {
         self.run(Pulls {
@@ -60,52 +17,7 @@ impl Kernel {
             softening,
         })
     }
-
-    /// Does `work` with these instructions.
-    #[inline]
-    pub(super) fn run<W: Work>(self, work: W) -> W::Output {
-        match self.0 {
-            Width::Portable => work.run(),
-            #[cfg(target_arch = "x86_64")]
-            #[expect(
-                unsafe_code,
-                reason = "`available` makes this kernel only where the processor has the instructions"
-            )]
-            Width::Avx2 => unsafe { run_avx2(work) },
-            #[cfg(target_arch = "x86_64")]
-            #[expect(
-                unsafe_code,
-                reason = "`available` makes this kernel only where the processor has the instructions"
-            )]
-            Width::Avx512 => unsafe { run_avx512(work) },
-        }
-    }
 }
-
-/// Something to compute with the instructions of a kernel.
-pub(super) trait Work {
-    /// What comes of it.
-    type Output;
-
-    /// Computes it. Only what is inlined here is compiled for each kernel: mark it, and all that it calls,
-    /// `#[inline(always)]`.
-    fn run(self) -> Self::Output;
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f")]
-fn run_avx512<W: Work>(work: W) -> W::Output {
-    work.run()
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn run_avx2<W: Work>(work: W) -> W::Output {
-    work.run()
-}
-
-/// Masses that are summed side by side.
-pub(super) const LANE_COUNT: usize = 16;
 
 /// As many masses as there are lanes; a lane without one has mass 0.
 #[derive(Debug, Clone, Copy)]
