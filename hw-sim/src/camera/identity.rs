@@ -6,11 +6,11 @@ use crate::camera::message::{Caps, HelloOk};
 use crate::camera::optics::Optics;
 
 /// Greeting.
-pub(super) fn hello_ok(session_id: u32, boot_id: u64) -> HelloOk {
+pub(super) fn hello_ok(role: u8, session_id: u32, boot_id: u64) -> HelloOk {
     let text = |text: &str| Str8(text.to_owned());
     HelloOk {
         version: VERSION,
-        role: ROLE_CONTROLLER,
+        role,
         simulated: 1,
         session_id,
         boot_id,
@@ -63,12 +63,15 @@ pub(super) fn caps(optics: &Optics) -> Caps {
 
 /// Calibration that the simulated camera claims.
 pub(super) const CALIBRATION_ID: u64 = 4242;
-/// Projector, camera 1, camera 2, board.
-pub(super) const TEMPERATURE_C: [f32; 4] = [35.5, 30.0, 30.25, f32::NAN];
 /// Rate at which chunks leave.
 pub(super) const LINK_MBIT_S: u32 = 1000;
+/// A device is there, nothing is armed.
 pub(super) const STATE_IDLE: u8 = 1;
-
+/// A trigger is taken.
+pub(super) const STATE_ARMED: u8 = 2;
+/// The one version that is spoken.
 pub(super) const VERSION: [u8; 2] = [1, 0];
+/// Role that may say everything.
 pub(super) const ROLE_CONTROLLER: u8 = 1;
-pub(super) const WARM_UP_S: u32 = 2400;
+/// Role that only listens.
+pub(super) const ROLE_OBSERVER: u8 = 2;

@@ -2,6 +2,8 @@
 
 pub mod a3dp;
 mod acquisition;
+mod bridge;
+mod connection;
 pub mod device;
 pub mod fields;
 mod identity;
@@ -10,6 +12,10 @@ mod noise;
 pub mod optics;
 pub mod payload;
 pub mod render;
-mod session;
+mod requests;
+mod script;
 pub mod settings;
+mod store;
+mod thermal;
 pub mod transfer;
+pub mod trouble;
