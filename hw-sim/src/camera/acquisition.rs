@@ -3,7 +3,7 @@
 use crate::camera::fields::Zero;
 use crate::camera::identity::CALIBRATION_ID;
 use crate::camera::message::{ExposureDone, FrameHead, Message};
-use crate::camera::render::{Capture, Frame, Roi};
+use crate::camera::render::{Capture, Compression, Frame, OutlierFilter, Roi, WorkingVolume};
 use crate::camera::script::{Script, is_incident};
 use crate::camera::settings::Settings;
 use crate::camera::thermal::Thermal;
@@ -157,6 +157,7 @@ impl Config {
     }
 }
 
+/// What the settings ask of the frame. The enumerations are checked before: a greater number is none that comes here.
 pub(super) fn capture(settings: &Settings) -> Capture {
     Capture {
         binning: settings.binning == 1,
@@ -167,8 +168,27 @@ pub(super) fn capture(settings: &Settings) -> Capture {
             offset_y_px: u32::from(settings.roi.camera_1_px[1]),
         },
         exposure_us: f64::from(settings.exposure_us),
+        hdr_us: settings.hdr_us,
         image_count: u32::from(settings.image_count),
+        compression: match settings.compression {
+            0 => Compression::None,
+            1 => Compression::Low,
+            2 => Compression::Medium,
+            _ => Compression::High,
+        },
+        led_percent: settings.led_percent,
         score_threshold: settings.score_threshold,
+        outlier_filter: match settings.outlier_filter {
+            0 => OutlierFilter::Disabled,
+            1 => OutlierFilter::Permissive,
+            2 => OutlierFilter::Balanced,
+            _ => OutlierFilter::Strict,
+        },
+        pre_filtering: settings.pre_filtering,
+        working_volume: match settings.working_volume {
+            0 => WorkingVolume::Standard,
+            _ => WorkingVolume::Extended,
+        },
     }
 }
 

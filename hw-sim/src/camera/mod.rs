@@ -3,9 +3,11 @@
 pub mod a3dp;
 mod acquisition;
 mod bridge;
+mod capture;
 mod connection;
 pub mod device;
 pub mod fields;
+mod frame;
 mod identity;
 pub mod message;
 mod noise;

@@ -224,6 +224,7 @@ fn frame() -> Frame {
         xyz_mm: (0..count).map(|index| [index as f32, 1.0, 280.0]).collect(),
         mask: vec![0; count],
         intensity: vec![100; count],
+        confidence: vec![250; count],
         valid_count: count as u32,
         saturated_count: 0,
         surface_points_mm: Vec::new(),
