@@ -4,6 +4,7 @@ use crate::camera::a3dp::{CHUNK_PAYLOAD_MAX, CONTROL_PAYLOAD_MAX};
 use crate::camera::fields::{Str8, Zero};
 use crate::camera::message::{Caps, HelloOk};
 use crate::camera::optics::Optics;
+use crate::camera::settings::{KIND_CONFIDENCE, KIND_INTENSITY, KIND_MASK, KIND_XYZ};
 
 /// Greeting.
 pub(super) fn hello_ok(role: u8, session_id: u32, boot_id: u64) -> HelloOk {
@@ -53,7 +54,7 @@ pub(super) fn caps(optics: &Optics) -> Caps {
         camera_1_mm: [0.0; 3],
         camera_2_mm: centre(optics.camera_2_mm),
         projector_mm: centre(optics.projector_mm),
-        components: 0b10101,
+        components: 1 << KIND_XYZ | 1 << KIND_INTENSITY | 1 << KIND_CONFIDENCE | 1 << KIND_MASK,
         outlier_filters: 0b1111,
         compressions: 0b1111,
         working_volumes: 0b11,

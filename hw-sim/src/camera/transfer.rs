@@ -9,7 +9,7 @@ use crate::camera::message::{
     ChunkHead, ComponentEntry, ComponentSum, ENTRY_BYTES, FrameBegin, FrameEnd, FrameHead, FrameTail,
 };
 use crate::camera::render::{Frame, MASK_FILTERED, MASK_INVALID};
-use crate::camera::settings::{KIND_INTENSITY, KIND_MASK, KIND_XYZ, Settings};
+use crate::camera::settings::{KIND_CONFIDENCE, KIND_INTENSITY, KIND_MASK, KIND_XYZ, Settings};
 
 /// One complete frame as it is sent: what FRAME_BEGIN says, and the bytes of its components.
 #[derive(Clone, Debug)]
@@ -236,6 +236,7 @@ fn drop_pixels(frame: &mut Frame, keeps: impl Fn(&[f32; 3]) -> bool) {
 fn format_of(kind: u16) -> (u32, u32) {
     match kind {
         KIND_XYZ => (0x0260_00C0, 12),
+        KIND_CONFIDENCE => (0x0108_00C6, 1),
         _ => (0x0108_0001, 1),
     }
 }
@@ -255,6 +256,7 @@ fn component_bytes(kind: u16, frame: &mut Frame) -> Vec<u8> {
             .flat_map(|value_mm| value_mm.to_le_bytes())
             .collect(),
         KIND_INTENSITY => core::mem::take(&mut frame.intensity),
+        KIND_CONFIDENCE => core::mem::take(&mut frame.confidence),
         KIND_MASK => core::mem::take(&mut frame.mask),
         _ => Vec::new(),
     }

@@ -16,9 +16,10 @@ fn the_requests_of_the_page_are_answered_as_the_page_says() {
     };
     let [Message::Caps(caps)] = &answers[..] else { panic!() };
     assert_eq!(
-        (caps.sensor_px, caps.components, caps.exposure_max_us),
-        (page.sensor_px, page.components, page.exposure_max_us)
+        (caps.sensor_px, caps.exposure_max_us),
+        (page.sensor_px, page.exposure_max_us)
     );
+    assert_eq!(caps.components, 0b11101, "all but RANGE");
     let [Message::Configured(configured)] = &bench.send_bytes(&vector(CAMERA_PAGE, "configure"))[..] else {
         panic!()
     };
@@ -374,6 +375,35 @@ fn a_good_bye_ends_the_connection_and_is_not_answered() {
     let good_bye = bench.client().frame(0x7F, 0, 0, reason.to_payload());
     assert_eq!(bench.send_bytes(&good_bye), []);
     assert_eq!(bench.closed, [CLIENT]);
+}
+
+#[test]
+fn the_score_of_every_pixel_comes_when_it_is_asked_for() {
+    let mut bench = Bench::new(&[]);
+    bench.greet();
+    let mut settings = small_settings();
+    settings.components = 0b11101;
+    let Message::Configured(configured) = bench.ask(&configure(&settings)) else {
+        panic!()
+    };
+    assert_eq!(configured.frame_bytes, 80 * 40 * 15);
+    bench.ask(&arm(1));
+    bench.send(&trigger(0, 0));
+    let scored = Frame {
+        confidence: vec![217; 80 * 40],
+        ..frame()
+    };
+    bench.device.handle_frame(0, 1, scored);
+    let messages = bench.pass(300 * MS_NS);
+    let Message::FrameBegin(begin) = &messages[1] else {
+        panic!()
+    };
+    let entry = &begin.components[2];
+    assert_eq!((entry.kind, entry.format, entry.byte_count), (3, 0x0108_00C6, 3200));
+    let Message::FrameChunk(chunk) = &messages[4] else {
+        panic!()
+    };
+    assert_eq!(chunk.data.0, [217; 3200]);
 }
 
 #[test]
