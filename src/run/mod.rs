@@ -1,5 +1,6 @@
 //! The shell: sockets, timers, the pool, files and the console. It moves bytes and decides nothing.
 
+mod bridge;
 mod console;
 mod conversation;
 mod file_transfer;
@@ -12,6 +13,7 @@ mod robot_wire;
 mod simulated;
 mod wires;
 
+pub use bridge::{BridgeError, BridgeReport, serve_bridge};
 pub use console::Console;
 pub use conversation::{Conversation, ConversationError};
 pub use file_transfer::{TransferError, Transferred, transfer};

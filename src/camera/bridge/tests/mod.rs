@@ -14,6 +14,7 @@ use crate::camera::wire::{FLAG_ERROR, FLAG_LAST, FLAG_REPLY, FrameReader, FrameW
 use crate::camera::{
     Assembly, CameraEvent, CameraOutput, CameraSettings, Exchange, ExchangeSettings, FrameEnd, FrameStatus,
 };
+use crate::seed::Seed;
 
 const SETTINGS: CameraSettings = CameraSettings {
     binning: false,
