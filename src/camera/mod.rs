@@ -7,6 +7,7 @@ mod capture;
 mod exchange;
 mod message;
 mod payload;
+mod picture;
 mod settings;
 mod wire;
 
@@ -17,5 +18,6 @@ pub use message::{
     Greeting, ServerMessage, TRIGGER_ALL, TriggerId, TriggerOk,
 };
 pub use payload::PayloadError;
+pub use picture::Pictures;
 pub use settings::CameraSettings;
 pub use wire::{FrameReader, FrameWriter, WireError, WireFrame};
