@@ -1,6 +1,6 @@
 //! Frames: assembled from chunks, believed only as a whole.
 
-use super::message::{Component, ComponentKind, FrameBegin, FrameEnd, TriggerId};
+use super::message::{Component, ComponentKind, FrameBegin, FrameChunk, FrameEnd, FrameStatus, TriggerId};
 use thiserror::Error;
 
 /// One complete frame, every byte checked.
@@ -115,14 +115,14 @@ impl Assembly {
     }
 
     /// Takes the next chunk.
-    pub fn push(
-        &mut self,
-        frame_id: u64,
-        component_index: u16,
-        chunk_index: u32,
-        offset_bytes: u64,
-        data: &[u8],
-    ) -> Result<(), FrameError> {
+    pub fn push(&mut self, chunk: &FrameChunk<'_>) -> Result<(), FrameError> {
+        let FrameChunk {
+            frame_id,
+            component_index,
+            chunk_index,
+            offset_bytes,
+            data,
+        } = *chunk;
         let error = FrameError::Chunk {
             component_index,
             chunk_index,
@@ -153,17 +153,17 @@ impl Assembly {
         let whole = self.current == self.components.len()
             && end.frame_id == self.begin.frame_id
             && end.trigger_id == self.begin.trigger_id
-            && end.status == 0
+            && end.status == FrameStatus::Complete
             && end.valid_count == self.begin.valid_count
             && end.components.len() == self.components.len();
         if !whole {
             return Err(FrameError::End);
         }
-        for (index, (bytes, (byte_count, crc))) in self.components.iter().zip(&end.components).enumerate() {
-            if bytes.len() as u64 != *byte_count {
+        for (index, (bytes, sent)) in self.components.iter().zip(&end.components).enumerate() {
+            if bytes.len() as u64 != sent.byte_count {
                 return Err(FrameError::End);
             }
-            if crc32c::crc32c(bytes) != *crc {
+            if crc32c::crc32c(bytes) != sent.crc {
                 return Err(FrameError::Crc(index));
             }
         }
@@ -189,38 +189,32 @@ mod tests {
     use crate::camera::wire::HEADER_BYTES;
     use crate::vectors::a3dp;
 
-    fn heard(name: &str) -> ServerMessage {
-        let bytes = a3dp(name);
-        let kind = u16::from_le_bytes([bytes[6], bytes[7]]);
-        ServerMessage::decode(kind, &bytes[HEADER_BYTES..]).unwrap().unwrap()
+    fn begin() -> FrameBegin {
+        let bytes = a3dp("frame_begin");
+        match ServerMessage::decode(0x30, &bytes[HEADER_BYTES..]).unwrap() {
+            Some(ServerMessage::FrameBegin(begin)) => *begin,
+            other => panic!("{other:?}"),
+        }
     }
 
     fn assembly() -> Assembly {
-        let ServerMessage::FrameBegin(begin) = heard("frame_begin") else {
-            panic!()
-        };
-        Assembly::begin(*begin, 1 << 20).unwrap()
+        Assembly::begin(begin(), 1 << 20).unwrap()
     }
 
     fn push(assembly: &mut Assembly, name: &str) -> Result<(), FrameError> {
-        let ServerMessage::FrameChunk {
-            frame_id,
-            component_index,
-            chunk_index,
-            offset_bytes,
-            data,
-        } = heard(name)
-        else {
-            panic!()
-        };
-        assembly.push(frame_id, component_index, chunk_index, offset_bytes, &data)
+        let bytes = a3dp(name);
+        match ServerMessage::decode(0x31, &bytes[HEADER_BYTES..]).unwrap() {
+            Some(ServerMessage::FrameChunk(chunk)) => assembly.push(&chunk),
+            other => panic!("{other:?}"),
+        }
     }
 
     fn end() -> FrameEnd {
-        let ServerMessage::FrameEnd(end) = heard("frame_end") else {
-            panic!()
-        };
-        end
+        let bytes = a3dp("frame_end");
+        match ServerMessage::decode(0x32, &bytes[HEADER_BYTES..]).unwrap() {
+            Some(ServerMessage::FrameEnd(end)) => end,
+            other => panic!("{other:?}"),
+        }
     }
 
     #[test]
@@ -250,17 +244,14 @@ mod tests {
             push(&mut spoilt, name).unwrap();
         }
         let mut wrong = end();
-        wrong.components[1].1 ^= 1;
+        wrong.components[1].crc ^= 1;
         assert_eq!(spoilt.end(&wrong), Err(FrameError::Crc(1)));
     }
 
     #[test]
     fn a_frame_beyond_the_limit_is_refused_before_memory_is_taken() {
-        let ServerMessage::FrameBegin(begin) = heard("frame_begin") else {
-            panic!()
-        };
         assert!(matches!(
-            Assembly::begin(*begin, 27),
+            Assembly::begin(begin(), 27),
             Err(FrameError::TooLarge { stated: 28, max: 27 })
         ));
     }

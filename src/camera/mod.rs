@@ -4,6 +4,7 @@
 //! `docs/protocols/camera.md`.
 
 mod capture;
+pub mod code;
 mod exchange;
 mod message;
 mod payload;
@@ -14,10 +15,15 @@ mod wire;
 pub use capture::{Assembly, Capture, FrameError};
 pub use exchange::{COMPONENTS_WANTED, CameraEvent, CameraOutput, Exchange, ExchangeSettings, Opened, Trouble};
 pub use message::{
-    CameraError, CameraStatus, Caps, ClientMessage, Component, ComponentKind, Configured, FrameBegin, FrameEnd,
-    Greeting, ServerMessage, TRIGGER_ALL, TriggerId, TriggerOk,
+    Aborted, AcquisitionPhase, Arm, Bye, CameraError, CameraState, CameraStatus, Caps, ClientMessage, Component,
+    ComponentEnd, ComponentKind, Configured, DeviceEvent, ExposureDone, FRAME_BYTES_LIMIT, FetchOk, FetchState,
+    FrameBegin, FrameChunk, FrameEnd, FrameFlags, FrameStatus, Greeting, Hello, Pong, Repeated, ServerMessage,
+    TRIGGER_ALL, Trigger, TriggerId, TriggerOk,
 };
 pub use payload::PayloadError;
 pub use picture::Pictures;
-pub use settings::CameraSettings;
-pub use wire::{FrameReader, FrameWriter, WireError, WireFrame};
+pub use settings::{CameraSettings, SettingsError, VolumeOfInterest};
+pub use wire::{
+    CHUNK_PAYLOAD_MAX, CONTROL_PAYLOAD_MAX, FLAG_ERROR, FLAG_LAST, FLAG_REPLY, FrameReader, FrameWriter, HEADER_BYTES,
+    WireError, WireFrame,
+};

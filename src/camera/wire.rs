@@ -18,10 +18,12 @@ const FRAME_CHUNK: u16 = 0x31;
 pub const FLAG_REPLY: u16 = 1;
 /// Flag bit 1: this frame is an ERROR.
 pub const FLAG_ERROR: u16 = 2;
+/// Flag bit 2: this frame is the last of its group (FRAME_END).
+pub const FLAG_LAST: u16 = 4;
 
-/// One frame whose header and payload have been checked.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct WireFrame {
+/// One frame: heard, with header and payload checked, or to be said.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct WireFrame<'a> {
     /// Message type.
     pub kind: u16,
     /// The request it answers, or 0.
@@ -29,7 +31,7 @@ pub struct WireFrame {
     /// Flag bits.
     pub flags: u16,
     /// The payload.
-    pub payload: Vec<u8>,
+    pub payload: &'a [u8],
 }
 
 /// Why a byte stream is no longer believed. Each ends the connection.
@@ -89,7 +91,9 @@ impl WireError {
     }
 }
 
-/// Turns a byte stream into frames. Holds at most one frame's bytes beyond what it was given.
+/// Turns a byte stream into frames, which borrow their payloads from it.
+///
+/// Holds at most one frame's bytes beyond what it was given, and as much again that was read already.
 #[derive(Debug, Default)]
 pub struct FrameReader {
     bytes: Vec<u8>,
@@ -100,7 +104,8 @@ pub struct FrameReader {
 impl FrameReader {
     /// Takes the next bytes of the stream.
     pub fn push(&mut self, bytes: &[u8]) {
-        if self.start > 0 {
+        // What was read goes only when it is the larger part, so that each byte moves at most once.
+        if self.start >= self.bytes.len() - self.start {
             self.bytes.drain(..self.start);
             self.start = 0;
         }
@@ -108,7 +113,7 @@ impl FrameReader {
     }
 
     /// The next whole frame, `None` until it is there. After an error the stream must not be read on.
-    pub fn next_frame(&mut self) -> Result<Option<WireFrame>, WireError> {
+    pub fn next_frame(&mut self) -> Result<Option<WireFrame<'_>>, WireError> {
         let bytes = &self.bytes[self.start..];
         if bytes.len() < HEADER_BYTES {
             return Ok(None);
@@ -122,15 +127,14 @@ impl FrameReader {
         if crc32c::crc32c(payload) != header.payload_crc {
             return Err(WireError::PayloadCrc);
         }
-        let frame = WireFrame {
+        self.start += end;
+        self.next_seq = self.next_seq.wrapping_add(1);
+        Ok(Some(WireFrame {
             kind: header.kind,
             request_id: header.request_id,
             flags: header.flags,
-            payload: payload.to_vec(),
-        };
-        self.start += end;
-        self.next_seq = self.next_seq.wrapping_add(1);
-        Ok(Some(frame))
+            payload,
+        }))
     }
 }
 
@@ -193,20 +197,33 @@ pub struct FrameWriter {
 
 impl FrameWriter {
     /// The bytes of one frame.
-    pub fn write(&mut self, frame: &WireFrame) -> Vec<u8> {
-        let mut bytes = Vec::with_capacity(HEADER_BYTES + frame.payload.len());
-        bytes.extend_from_slice(MAGIC);
-        bytes.extend_from_slice(&[MAJOR, HEADER_BYTES as u8]);
-        bytes.extend_from_slice(&frame.kind.to_le_bytes());
-        bytes.extend_from_slice(&(frame.payload.len() as u32).to_le_bytes());
-        bytes.extend_from_slice(&frame.request_id.to_le_bytes());
-        bytes.extend_from_slice(&self.next_seq.to_le_bytes());
-        bytes.extend_from_slice(&frame.flags.to_le_bytes());
-        bytes.extend_from_slice(&[0, 0]);
-        bytes.extend_from_slice(&crc32c::crc32c(&frame.payload).to_le_bytes());
-        let header_crc = crc32c::crc32c(&bytes);
-        bytes.extend_from_slice(&header_crc.to_le_bytes());
-        bytes.extend_from_slice(&frame.payload);
+    pub fn write(&mut self, frame: &WireFrame<'_>) -> Vec<u8> {
+        self.write_with(frame.kind, frame.request_id, frame.flags, |payload| {
+            payload.extend_from_slice(frame.payload);
+        })
+    }
+
+    /// The bytes of one frame whose payload is appended in place.
+    pub fn write_with(
+        &mut self,
+        kind: u16,
+        request_id: u32,
+        flags: u16,
+        append_payload: impl FnOnce(&mut Vec<u8>),
+    ) -> Vec<u8> {
+        let mut bytes = vec![0; HEADER_BYTES];
+        append_payload(&mut bytes);
+        let (header, payload) = bytes.split_at_mut(HEADER_BYTES);
+        header[0..4].copy_from_slice(MAGIC);
+        header[4..6].copy_from_slice(&[MAJOR, HEADER_BYTES as u8]);
+        header[6..8].copy_from_slice(&kind.to_le_bytes());
+        header[8..12].copy_from_slice(&(payload.len() as u32).to_le_bytes());
+        header[12..16].copy_from_slice(&request_id.to_le_bytes());
+        header[16..20].copy_from_slice(&self.next_seq.to_le_bytes());
+        header[20..22].copy_from_slice(&flags.to_le_bytes());
+        header[24..28].copy_from_slice(&crc32c::crc32c(payload).to_le_bytes());
+        let header_crc = crc32c::crc32c(&header[..28]);
+        header[28..32].copy_from_slice(&header_crc.to_le_bytes());
         self.next_seq = self.next_seq.wrapping_add(1);
         bytes
     }
@@ -217,13 +234,13 @@ mod tests {
     use super::*;
     use crate::vectors::a3dp;
 
-    fn read_one(bytes: &[u8], next_seq: u32) -> Result<Option<WireFrame>, WireError> {
+    fn read_one(bytes: &[u8], next_seq: u32) -> Result<(), WireError> {
         let mut reader = FrameReader {
             next_seq,
             ..FrameReader::default()
         };
         reader.push(bytes);
-        reader.next_frame()
+        reader.next_frame().map(|_| ())
     }
 
     #[test]
@@ -267,9 +284,40 @@ mod tests {
             kind: 0x31,
             request_id: 0,
             flags: 0,
-            payload: vec![0; CHUNK_PAYLOAD_MAX + 1],
+            payload: &vec![0; CHUNK_PAYLOAD_MAX + 1],
         });
         header.truncate(HEADER_BYTES);
         assert!(matches!(read_one(&header, 0), Err(WireError::TooLong { .. })));
+    }
+
+    #[test]
+    fn a_stream_in_pieces_of_any_size_gives_every_frame_and_keeps_little() {
+        let mut writer = FrameWriter::default();
+        let stream: Vec<u8> = (0..40u32)
+            .flat_map(|index| {
+                writer.write(&WireFrame {
+                    kind: 0x31,
+                    request_id: index,
+                    flags: 0,
+                    payload: &vec![index as u8; 1 + index as usize * 37],
+                })
+            })
+            .collect();
+        for size in [1, 31, 500, 4096, stream.len()] {
+            let mut reader = FrameReader::default();
+            let mut found = 0;
+            for piece in stream.chunks(size) {
+                reader.push(piece);
+                while let Some(frame) = reader.next_frame().unwrap() {
+                    assert_eq!(
+                        (frame.request_id, frame.payload.len()),
+                        (found, 1 + found as usize * 37)
+                    );
+                    found += 1;
+                }
+                assert!(reader.bytes.len() <= 2 * (HEADER_BYTES + 40 * 37 + size));
+            }
+            assert_eq!(found, 40, "pieces of {size}");
+        }
     }
 }

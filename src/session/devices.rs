@@ -83,6 +83,7 @@ pub(super) fn camera_settings(recipe: &Recipe) -> camera::CameraSettings {
         reconstruction_quality: camera.reconstruction_quality,
         pre_filtering: camera.pre_filtering,
         working_volume: camera.working_volume as u8,
+        volume_of_interest: None,
         components: camera::COMPONENTS_WANTED,
     }
 }

@@ -408,7 +408,7 @@ impl Session {
             CameraEvent::Frame(capture) => self.handle_capture(now, capture),
             CameraEvent::Failed { reason, retryable, .. } => self.handle_failure(now, reason, retryable),
             CameraEvent::Status(status) => self.emit(Event::CameraCondition {
-                state: status.state,
+                state: status.state as u8,
                 temperature_c: status.temperature_c,
                 missed_count: status.missed_count,
             }),

@@ -3,22 +3,24 @@
 use super::report::{CameraEvent, Opened, Trouble};
 use super::{EXPOSURE_EXTRA_MS, Exchange, Flight, Opening, Phase, Stage, TRANSFER_BYTES_PER_MS};
 use crate::camera::capture::{Assembly, FrameError};
-use crate::camera::message::{CameraError, ClientMessage, FrameEnd, ServerMessage, TRIGGER_ALL, TriggerId, TriggerOk};
+use crate::camera::message::{
+    Bye, CameraError, ClientMessage, FrameEnd, Pong, ServerMessage, TRIGGER_ALL, TriggerId, TriggerOk,
+};
 use crate::camera::settings::difference;
 use crate::camera::wire::{FLAG_REPLY, WireFrame};
 use crate::stamp::Stamp;
 use std::sync::Arc;
 
 impl Exchange {
-    pub(super) fn handle_frame(&mut self, now: Stamp, frame: &WireFrame) {
-        match ServerMessage::decode(frame.kind, &frame.payload) {
+    pub(super) fn handle_frame(&mut self, now: Stamp, frame: &WireFrame<'_>) {
+        match ServerMessage::decode(frame.kind, frame.payload) {
             Ok(Some(message)) => self.handle_message(now, frame.request_id, message),
             Ok(None) => self.note(format!("message of unknown type {:#06x}", frame.kind)),
             Err(error) => self.accuse(108, format!("message {:#06x}: {error}", frame.kind)),
         }
     }
 
-    fn handle_message(&mut self, now: Stamp, request_id: u32, message: ServerMessage) {
+    fn handle_message(&mut self, now: Stamp, request_id: u32, message: ServerMessage<'_>) {
         match message {
             ServerMessage::HelloOk(greeting) if self.opening(Opening::Hello, request_id) => {
                 self.greeting = Some(greeting);
@@ -35,9 +37,9 @@ impl Exchange {
                 self.configured = Some(configured);
                 self.request(now, Opening::Arm);
             }
-            ServerMessage::Armed if self.opening(Opening::Arm, request_id) => self.ready(),
+            ServerMessage::Armed { .. } if self.opening(Opening::Arm, request_id) => self.ready(),
             ServerMessage::TriggerOk(accepted) => self.handle_trigger_ok(now, request_id, accepted),
-            ServerMessage::ExposureDone { trigger_id } => self.handle_exposure_done(trigger_id),
+            ServerMessage::ExposureDone(done) => self.handle_exposure_done(done.trigger_id),
             ServerMessage::FrameBegin(begin) => {
                 let max = self.greeting.as_ref().map_or(0, |greeting| greeting.frame_bytes_max);
                 let expected = self.configured.as_ref().map(|configured| configured.config_id);
@@ -48,7 +50,7 @@ impl Exchange {
                             return self.accuse(206, text);
                         }
                         match Assembly::begin(*begin, max) {
-                            Ok(assembly) => flight.assembly = Some(assembly),
+                            Ok(assembly) => flight.assembly = Some(Box::new(assembly)),
                             Err(error) => self.accuse(108, error.to_string()),
                         }
                     }
@@ -58,36 +60,31 @@ impl Exchange {
                     )),
                 }
             }
-            ServerMessage::FrameChunk {
-                frame_id,
-                component_index,
-                chunk_index,
-                offset_bytes,
-                data,
-            } => {
+            ServerMessage::FrameChunk(chunk) => {
                 if let Stage::InFlight(Flight {
                     assembly: Some(assembly),
                     ..
                 }) = &mut self.stage
-                    && let Err(error) = assembly.push(frame_id, component_index, chunk_index, offset_bytes, &data)
+                    && let Err(error) = assembly.push(&chunk)
                 {
                     self.accuse(108, error.to_string());
                 }
             }
             ServerMessage::FrameEnd(end) => self.handle_frame_end(now, &end),
-            ServerMessage::Aborted { .. } => self.handle_aborted(),
+            ServerMessage::Aborted(_) => self.handle_aborted(),
             ServerMessage::Status(status) => self.events.push_back(CameraEvent::Status(status)),
-            ServerMessage::Event { code, text } => self.note(format!("camera event {code}: {text}")),
+            ServerMessage::Event(event) => self.note(format!("camera event {}: {}", event.code, event.text)),
             ServerMessage::Ping { sender_ns } => {
-                let pong = ClientMessage::Pong {
+                let pong = ClientMessage::Pong(Pong {
                     sender_ns,
+                    device_ns: 0,
                     host_ns: now.ns,
-                };
+                });
                 self.send(&pong, request_id, FLAG_REPLY, false);
             }
-            ServerMessage::Pong { .. } | ServerMessage::Disarmed => {}
+            ServerMessage::Pong(_) | ServerMessage::Disarmed { .. } => {}
             ServerMessage::Error(error) => self.handle_error(request_id, error),
-            ServerMessage::Bye { reason, text } => {
+            ServerMessage::Bye(Bye { reason, text }) => {
                 if !matches!(self.stage, Stage::Leaving { .. }) {
                     self.break_off(Trouble::Closed(format!(
                         "the camera said goodbye (reason {reason}): {text}"
@@ -97,7 +94,8 @@ impl Exchange {
             ServerMessage::HelloOk(_)
             | ServerMessage::Caps(_)
             | ServerMessage::Configured(_)
-            | ServerMessage::Armed => self.note(format!("a reply to request {request_id}, which is not open")),
+            | ServerMessage::Armed { .. }
+            | ServerMessage::FetchOk(_) => self.note(format!("a reply to request {request_id}, which is not open")),
         }
     }
 

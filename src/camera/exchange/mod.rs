@@ -11,9 +11,12 @@ mod tests;
 pub use report::{CameraEvent, CameraOutput, ExchangeSettings, Opened, Trouble};
 
 use crate::camera::capture::Assembly;
-use crate::camera::message::{Caps, ClientMessage, ComponentKind, Configured, Greeting, TriggerId};
+use crate::camera::message::{
+    AcquisitionPhase, Arm, Bye, CameraError, Caps, ClientMessage, ComponentKind, Configured, Greeting, Hello,
+    TRIGGER_ALL, Trigger, TriggerId,
+};
 use crate::camera::settings::CameraSettings;
-use crate::camera::wire::{FLAG_ERROR, FrameReader, FrameWriter, WireFrame};
+use crate::camera::wire::{FLAG_ERROR, FrameReader, FrameWriter};
 use crate::stamp::{Stamp, earlier};
 use std::collections::VecDeque;
 
@@ -76,7 +79,7 @@ struct Flight {
     phase: Phase,
     due: Stamp,
     frame_due: Stamp,
-    assembly: Option<Assembly>,
+    assembly: Option<Box<Assembly>>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -117,12 +120,13 @@ impl Exchange {
     /// Starts one acquisition. Only when [`Self::is_armed`].
     pub fn trigger(&mut self, now: Stamp, trigger_id: TriggerId) {
         let config_id = self.configured.as_ref().map_or(0, |configured| configured.config_id);
-        let request_id = self.say_act(ClientMessage::Trigger {
+        let request_id = self.say_act(ClientMessage::Trigger(Trigger {
             trigger_id,
+            view_id: trigger_id.view_index(),
             config_id,
             deadline_ms: 0,
             tag: format!("view {} attempt {}", trigger_id.view_index(), trigger_id.attempt()),
-        });
+        }));
         let due = now.plus_ms(TRIGGER_OK_MS);
         self.stage = Stage::InFlight(Flight {
             trigger_id,
@@ -146,17 +150,19 @@ impl Exchange {
             }
             Stage::Opening { .. } => {}
             Stage::InFlight(_) | Stage::Aborting { .. } => {
-                self.say(ClientMessage::AbortAll);
+                self.say(ClientMessage::Abort {
+                    trigger_id: TRIGGER_ALL,
+                });
                 self.say(ClientMessage::Disarm);
             }
             Stage::Armed => {
                 self.say(ClientMessage::Disarm);
             }
         }
-        self.say(ClientMessage::Bye {
+        self.say(ClientMessage::Bye(Bye {
             reason: 1,
             text: "done".into(),
-        });
+        }));
         self.outbox.push_back(CameraOutput::Close);
         self.stage = Stage::Leaving {
             due: now.plus_ms(LEAVE_MS),
@@ -202,17 +208,16 @@ impl Exchange {
             return;
         }
         self.last_heard = now;
-        self.reader.push(bytes);
-        loop {
-            match self.reader.next_frame() {
-                Ok(None) => return,
+        let mut reader = std::mem::take(&mut self.reader);
+        reader.push(bytes);
+        while !matches!(self.stage, Stage::Over) {
+            match reader.next_frame() {
+                Ok(None) => break,
                 Ok(Some(frame)) => self.handle_frame(now, &frame),
-                Err(error) => return self.accuse(error.code(), error.to_string()),
-            }
-            if matches!(self.stage, Stage::Over) {
-                return;
+                Err(error) => self.accuse(error.code(), error.to_string()),
             }
         }
+        self.reader = reader;
     }
 
     /// Time has passed.
@@ -279,7 +284,9 @@ impl Exchange {
     }
 
     fn abort(&mut self, now: Stamp, trigger_id: TriggerId, reason: String, retryable: bool) {
-        self.say(ClientMessage::AbortAll);
+        self.say(ClientMessage::Abort {
+            trigger_id: TRIGGER_ALL,
+        });
         self.stage = Stage::Aborting {
             trigger_id,
             reason,
@@ -295,13 +302,13 @@ impl Exchange {
     fn request(&mut self, now: Stamp, request: Opening) {
         let config_id = self.configured.map_or(0, |configured| configured.config_id);
         let request_id = self.say(match request {
-            Opening::Hello => ClientMessage::Hello {
-                run_id: RUN_ID,
-                client_name: "bladescan".into(),
-            },
+            Opening::Hello => ClientMessage::Hello(Hello::controller(RUN_ID, "bladescan")),
             Opening::Caps => ClientMessage::GetCaps,
             Opening::Configure => ClientMessage::Configure(self.wanted),
-            Opening::Arm => ClientMessage::Arm { config_id },
+            Opening::Arm => ClientMessage::Arm(Arm {
+                mode: Arm::SOFTWARE,
+                config_id,
+            }),
         });
         self.stage = Stage::Opening {
             request,
@@ -313,18 +320,24 @@ impl Exchange {
     /// The other side broke the protocol: say so, leave, and believe nothing more.
     fn accuse(&mut self, code: u16, text: String) {
         self.send(
-            &ClientMessage::Error {
+            &ClientMessage::Error(CameraError {
+                about_request_id: 0,
+                trigger_id: TRIGGER_ALL,
                 code,
+                phase: AcquisitionPhase::None,
+                retryable: false,
+                retry_after_ms: 0,
+                vendor_code: 0,
                 text: text.clone(),
-            },
+            }),
             0,
             FLAG_ERROR,
             false,
         );
-        self.say(ClientMessage::Bye {
+        self.say(ClientMessage::Bye(Bye {
             reason: 3,
             text: text.clone(),
-        });
+        }));
         self.break_off(Trouble::Protocol(text));
     }
 
@@ -363,13 +376,8 @@ impl Exchange {
     }
 
     fn send(&mut self, message: &ClientMessage, request_id: u32, flags: u16, act: bool) {
-        let (kind, payload) = message.encode();
-        let bytes = self.writer.write(&WireFrame {
-            kind,
-            request_id,
-            flags,
-            payload,
-        });
+        let append = |payload: &mut Vec<u8>| message.encode(payload);
+        let bytes = self.writer.write_with(message.kind(), request_id, flags, append);
         self.outbox.push_back(CameraOutput::Bytes { bytes, act });
     }
 }

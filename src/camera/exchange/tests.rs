@@ -1,7 +1,7 @@
 use super::*;
 use crate::camera::settings::difference;
 use crate::camera::settings::tests::PAGE_SETTINGS;
-use crate::camera::wire::HEADER_BYTES;
+use crate::camera::wire::{HEADER_BYTES, WireFrame};
 use crate::vectors::a3dp;
 
 const TIMES: ExchangeSettings = ExchangeSettings {
@@ -29,7 +29,7 @@ impl Server {
             kind: u16::from_le_bytes([bytes[6], bytes[7]]),
             request_id,
             flags: u16::from_le_bytes([bytes[20], bytes[21]]),
-            payload: bytes[HEADER_BYTES..].to_vec(),
+            payload: &bytes[HEADER_BYTES..],
         })
     }
 }

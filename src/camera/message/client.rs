@@ -1,136 +1,113 @@
-//! What the client sends.
+//! Everything a client says.
 
-use super::{TRIGGER_ALL, TriggerId};
-use crate::camera::payload::put_str8;
+use super::{Arm, Bye, CameraError, Hello, Pong, Trigger, TriggerId};
+use crate::camera::payload::{Field, PayloadError, PayloadReader};
 use crate::camera::settings::CameraSettings;
 
-/// What the client sends.
+/// What a client says.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ClientMessage {
     /// The greeting.
-    Hello {
-        /// Names the run; not 0.
-        run_id: u64,
-        /// Who we are.
-        client_name: String,
-    },
+    Hello(Hello),
     /// Asks for the capabilities.
     GetCaps,
     /// The complete settings.
     Configure(CameraSettings),
-    /// Arms for software triggers.
-    Arm {
-        /// The settings in force.
-        config_id: u32,
-    },
+    /// Arms.
+    Arm(Arm),
     /// Disarms.
     Disarm,
     /// Starts one acquisition.
-    Trigger {
-        /// Its name.
+    Trigger(Trigger),
+    /// Asks for the frame of an acquisition that was triggered before.
+    Fetch {
+        /// Which acquisition.
         trigger_id: TriggerId,
-        /// The settings in force.
-        config_id: u32,
-        /// How long the frame is wanted, ms.
-        deadline_ms: u32,
-        /// For the server's log.
-        tag: String,
     },
-    /// Ends whatever acquisition is in flight.
-    AbortAll,
+    /// Ends an acquisition.
+    Abort {
+        /// Which, or [`super::TRIGGER_ALL`].
+        trigger_id: u64,
+    },
+    /// Asks for the condition.
+    GetStatus,
     /// A sign of life.
     Ping {
-        /// Our clock.
+        /// The client's clock.
         sender_ns: u64,
     },
     /// Answers a PING.
-    Pong {
-        /// The server's clock, echoed.
-        sender_ns: u64,
-        /// Our clock.
-        host_ns: u64,
-    },
-    /// Tells the server why we stop believing it.
-    Error {
-        /// The protocol's error code.
-        code: u16,
-        /// In words.
-        text: String,
-    },
+    Pong(Pong),
+    /// Tells the server why it is no longer believed.
+    Error(CameraError),
     /// Goodbye.
-    Bye {
-        /// 1 done, 3 protocol error, 4 time-out.
-        reason: u16,
-        /// In words.
-        text: String,
-    },
+    Bye(Bye),
 }
 
 impl ClientMessage {
-    /// Type number and payload.
-    pub fn encode(&self) -> (u16, Vec<u8>) {
-        let mut payload = Vec::new();
-        let kind = match self {
-            Self::Hello { run_id, client_name } => {
-                payload.extend_from_slice(&[1, 0, 1, 0, 1, 0, 0, 0]);
-                payload.extend_from_slice(&run_id.to_le_bytes());
-                put_str8(&mut payload, client_name);
-                0x01
-            }
+    /// Type number.
+    pub fn kind(&self) -> u16 {
+        match self {
+            Self::Hello(_) => 0x01,
             Self::GetCaps => 0x03,
-            Self::Configure(settings) => {
-                payload = settings.encode();
-                0x10
-            }
-            Self::Arm { config_id } => {
-                payload.extend_from_slice(&[1, 0, 0, 0]);
-                payload.extend_from_slice(&config_id.to_le_bytes());
-                0x12
-            }
+            Self::Configure(_) => 0x10,
+            Self::Arm(_) => 0x12,
             Self::Disarm => 0x13,
-            Self::Trigger {
-                trigger_id,
-                config_id,
-                deadline_ms,
-                tag,
-            } => {
-                payload.extend_from_slice(&trigger_id.0.to_le_bytes());
-                payload.extend_from_slice(&trigger_id.view_index().to_le_bytes());
-                payload.extend_from_slice(&config_id.to_le_bytes());
-                payload.extend_from_slice(&deadline_ms.to_le_bytes());
-                put_str8(&mut payload, tag);
-                0x20
-            }
-            Self::AbortAll => {
-                payload.extend_from_slice(&TRIGGER_ALL.to_le_bytes());
-                0x40
-            }
-            Self::Ping { sender_ns } => {
-                payload.extend_from_slice(&sender_ns.to_le_bytes());
-                0x60
-            }
-            Self::Pong { sender_ns, host_ns } => {
-                for value in [*sender_ns, 0, *host_ns] {
-                    payload.extend_from_slice(&value.to_le_bytes());
-                }
-                0x61
-            }
-            Self::Error { code, text } => {
-                payload.extend_from_slice(&0u32.to_le_bytes());
-                payload.extend_from_slice(&TRIGGER_ALL.to_le_bytes());
-                payload.extend_from_slice(&code.to_le_bytes());
-                payload.extend_from_slice(&[0, 0]);
-                payload.extend_from_slice(&[0; 8]);
-                payload.extend_from_slice(&(text.len() as u16).to_le_bytes());
-                payload.extend_from_slice(text.as_bytes());
-                0x70
-            }
-            Self::Bye { reason, text } => {
-                payload.extend_from_slice(&reason.to_le_bytes());
-                put_str8(&mut payload, text);
-                0x7F
-            }
+            Self::Trigger(_) => 0x20,
+            Self::Fetch { .. } => 0x33,
+            Self::Abort { .. } => 0x40,
+            Self::GetStatus => 0x50,
+            Self::Ping { .. } => 0x60,
+            Self::Pong(_) => 0x61,
+            Self::Error(_) => 0x70,
+            Self::Bye(_) => 0x7F,
+        }
+    }
+
+    /// Appends the payload.
+    pub fn encode(&self, payload: &mut Vec<u8>) {
+        match self {
+            Self::Hello(hello) => hello.write(payload),
+            Self::GetCaps | Self::Disarm | Self::GetStatus => {}
+            Self::Configure(settings) => payload.extend_from_slice(&settings.encode()),
+            Self::Arm(arm) => arm.write(payload),
+            Self::Trigger(trigger) => trigger.write(payload),
+            Self::Fetch { trigger_id } => trigger_id.write(payload),
+            Self::Abort { trigger_id } => trigger_id.write(payload),
+            Self::Ping { sender_ns } => sender_ns.write(payload),
+            Self::Pong(pong) => pong.write(payload),
+            Self::Error(error) => error.write(payload),
+            Self::Bye(bye) => bye.write(payload),
+        }
+    }
+
+    /// Reads a message; `Ok(None)` for a type that no client says. [`PayloadError::Settings`] leaves the connection
+    /// as it is, any other error ends it.
+    pub fn decode(kind: u16, payload: &[u8]) -> Result<Option<Self>, PayloadError> {
+        let mut fields = PayloadReader::new(payload);
+        let message = match kind {
+            0x01 => Self::Hello(fields.field()?),
+            0x03 => Self::GetCaps,
+            0x10 => Self::Configure(CameraSettings::decode(fields.rest())?),
+            0x12 => Self::Arm(fields.field()?),
+            0x13 => Self::Disarm,
+            0x20 => Self::Trigger(fields.field()?),
+            0x33 => Self::Fetch {
+                trigger_id: fields.field()?,
+            },
+            0x40 => Self::Abort {
+                trigger_id: fields.field()?,
+            },
+            0x50 => Self::GetStatus,
+            0x60 => Self::Ping {
+                sender_ns: fields.field()?,
+            },
+            0x61 => Self::Pong(fields.field()?),
+            0x70 => Self::Error(fields.field()?),
+            0x7F => Self::Bye(fields.field()?),
+            _ => return Ok(None),
         };
-        (kind, payload)
+        fields.end()?;
+        Ok(Some(message))
     }
 }

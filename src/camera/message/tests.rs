@@ -1,150 +1,385 @@
 use super::*;
 use crate::camera::settings::tests::PAGE_SETTINGS;
-use crate::camera::wire::HEADER_BYTES;
+use crate::camera::wire::{FrameWriter, HEADER_BYTES, WireFrame};
 use crate::vectors::a3dp;
 
 const PAGE_TRIGGER: TriggerId = TriggerId(5 << 16 | 1);
 
-fn heard(name: &str) -> ServerMessage {
+const CLIENT: [&str; 10] = [
+    "hello",
+    "get_caps",
+    "configure",
+    "arm",
+    "disarm",
+    "trigger",
+    "fetch",
+    "abort",
+    "get_status",
+    "bye",
+];
+const SERVER: [&str; 18] = [
+    "hello_ok",
+    "caps",
+    "configured",
+    "armed",
+    "disarmed",
+    "trigger_ok",
+    "exposure_done",
+    "frame_begin",
+    "frame_chunk_0",
+    "frame_chunk_1",
+    "frame_chunk_2",
+    "frame_end",
+    "fetch_ok",
+    "aborted",
+    "status",
+    "event",
+    "pong",
+    "error",
+];
+
+fn vector(name: &str) -> (u16, Vec<u8>) {
     let bytes = a3dp(name);
-    let kind = u16::from_le_bytes([bytes[6], bytes[7]]);
-    ServerMessage::decode(kind, &bytes[HEADER_BYTES..]).unwrap().unwrap()
+    (u16::from_le_bytes([bytes[6], bytes[7]]), bytes[HEADER_BYTES..].to_vec())
+}
+
+fn client(name: &str) -> ClientMessage {
+    let (kind, payload) = vector(name);
+    ClientMessage::decode(kind, &payload).unwrap().unwrap()
+}
+
+/// What the server says in a vector, compared while its bytes live.
+fn server(name: &str, check: impl FnOnce(ServerMessage<'_>)) {
+    let (kind, payload) = vector(name);
+    check(ServerMessage::decode(kind, &payload).unwrap().unwrap());
 }
 
 #[test]
-fn what_the_client_says_equals_the_vectors_of_the_page() {
-    let done = "done".to_owned();
-    for (message, name) in [
-        (
-            ClientMessage::Hello {
-                run_id: 0xB1AD_E5CA_0000_0001,
-                client_name: "bladescan".into(),
-            },
-            "hello",
-        ),
-        (ClientMessage::GetCaps, "get_caps"),
-        (ClientMessage::Configure(PAGE_SETTINGS), "configure"),
-        (ClientMessage::Arm { config_id: 77 }, "arm"),
-        (ClientMessage::Disarm, "disarm"),
-        (
-            ClientMessage::Trigger {
-                trigger_id: TriggerId::new(5, 1),
-                config_id: 77,
-                deadline_ms: 15_000,
-                tag: "view 5".into(),
-            },
-            "trigger",
-        ),
-        (ClientMessage::AbortAll, "abort"),
-        (ClientMessage::Ping { sender_ns: 123_456_789 }, "ping"),
-        (ClientMessage::Bye { reason: 1, text: done }, "bye"),
-    ] {
-        let vector = a3dp(name);
-        let (kind, payload) = message.encode();
-        assert_eq!(kind.to_le_bytes(), vector[6..8], "{name}");
-        assert_eq!(payload, vector[HEADER_BYTES..], "{name}");
+fn every_message_of_the_page_is_read_and_said_again_byte_for_byte() {
+    for name in CLIENT.into_iter().chain(["ping", "pong", "error"]) {
+        let (kind, payload) = vector(name);
+        let message = ClientMessage::decode(kind, &payload).unwrap().unwrap();
+        let mut again = Vec::new();
+        message.encode(&mut again);
+        assert_eq!((message.kind(), &again), (kind, &payload), "{name}");
+    }
+    for name in SERVER.into_iter().chain(["ping", "bye"]) {
+        let (kind, payload) = vector(name);
+        let message = ServerMessage::decode(kind, &payload).unwrap().unwrap();
+        let mut again = Vec::new();
+        message.encode(&mut again);
+        assert_eq!((message.kind(), &again), (kind, &payload), "{name}");
     }
 }
 
 #[test]
-fn what_the_server_says_on_the_page_is_understood() {
-    let ServerMessage::HelloOk(greeting) = heard("hello_ok") else {
-        panic!()
-    };
-    assert!(greeting.simulated);
+fn no_vector_of_the_page_is_left_out() {
+    let page = include_str!("../../../docs/protocols/camera.md");
+    for line in page.lines().filter_map(|line| line.strip_prefix("```hex ")) {
+        let known = CLIENT.contains(&line) || SERVER.contains(&line) || line == "ping";
+        assert!(known, "{line}");
+    }
+}
+
+#[test]
+fn what_the_client_says_means_what_the_page_says() {
     assert_eq!(
-        (greeting.serial.as_str(), greeting.frame_bytes_max),
-        ("SIM-0001", 64 << 20)
+        client("hello"),
+        ClientMessage::Hello(Hello::controller(0xB1AD_E5CA_0000_0001, "bladescan"))
     );
-    let ServerMessage::Caps(caps) = heard("caps") else {
-        panic!()
-    };
-    assert_eq!((caps.sensor_px, caps.optics.as_str()), ([1440, 1080], "fine"));
-    assert_eq!(caps.working_distance_mm, [200.0, 260.0, 320.0]);
-    assert_eq!(caps.camera_1_mm, [0.0; 3]);
-    assert_eq!((caps.spacing_mm, caps.components), (0.04, 0b10101));
-    let ServerMessage::Configured(configured) = heard("configured") else {
-        panic!()
-    };
-    assert_eq!((configured.config_id, configured.settings), (77, PAGE_SETTINGS));
-    assert_eq!(configured.frame_bytes, 5_443_200);
-    assert_eq!(heard("armed"), ServerMessage::Armed);
-    assert_eq!(heard("disarmed"), ServerMessage::Disarmed);
-    let ServerMessage::TriggerOk(accepted) = heard("trigger_ok") else {
-        panic!()
-    };
+    assert_eq!(client("configure"), ClientMessage::Configure(PAGE_SETTINGS));
     assert_eq!(
-        (accepted.trigger_id, accepted.predicted_total_us),
-        (PAGE_TRIGGER, 208_000)
+        client("arm"),
+        ClientMessage::Arm(Arm {
+            mode: Arm::SOFTWARE,
+            config_id: 77
+        })
     );
     assert_eq!(
-        heard("exposure_done"),
-        ServerMessage::ExposureDone {
+        client("trigger"),
+        ClientMessage::Trigger(Trigger {
+            trigger_id: TriggerId::new(5, 1),
+            view_id: 5,
+            config_id: 77,
+            deadline_ms: 15_000,
+            tag: "view 5".into(),
+        })
+    );
+    assert_eq!(
+        client("fetch"),
+        ClientMessage::Fetch {
             trigger_id: PAGE_TRIGGER
         }
     );
-    let ServerMessage::FrameBegin(begin) = heard("frame_begin") else {
-        panic!()
-    };
-    assert_eq!((begin.width_px, begin.height_px, begin.valid_count), (2, 1, 1));
-    assert_eq!(begin.components[0].byte_count, 24);
-    let ServerMessage::FrameEnd(end) = heard("frame_end") else {
-        panic!()
-    };
-    assert_eq!((end.status, end.components.len(), end.trigger_id), (0, 3, PAGE_TRIGGER));
     assert_eq!(
-        heard("aborted"),
-        ServerMessage::Aborted {
-            trigger_id: PAGE_TRIGGER.0
+        client("abort"),
+        ClientMessage::Abort {
+            trigger_id: TRIGGER_ALL
         }
     );
-    let ServerMessage::Status(status) = heard("status") else {
-        panic!()
-    };
-    assert_eq!((status.state, status.temperature_c[3]), (2, None));
-    let ServerMessage::Event { code: 5, text } = heard("event") else {
-        panic!()
-    };
-    assert_eq!(text, "LED pause 200 ms");
-    let ServerMessage::Pong { sender_ns, device_ns } = heard("pong") else {
-        panic!()
-    };
-    assert_eq!((sender_ns, device_ns), (123_456_789, 6_000_000));
-    let ServerMessage::Error(error) = heard("error") else {
-        panic!()
-    };
-    assert_eq!((error.code, error.retryable, error.about_request_id), (202, true, 5));
+    assert_eq!(client("ping"), ClientMessage::Ping { sender_ns: 123_456_789 });
+    let done = "done".to_owned();
+    assert_eq!(
+        client("bye"),
+        ClientMessage::Bye(Bye {
+            reason: Bye::DONE,
+            text: done
+        })
+    );
+}
+
+#[test]
+fn the_greeting_and_the_capabilities_keep_every_field() {
+    server("hello_ok", |message| {
+        let ServerMessage::HelloOk(greeting) = message else {
+            panic!()
+        };
+        assert!(greeting.simulated);
+        assert_eq!((greeting.session_id, greeting.boot_id), (7, 0x1122_3344_5566_7788));
+        assert_eq!((greeting.calibration_id, greeting.calibration_date), (4242, 20_261_121));
+        assert_eq!((greeting.clock_hz, greeting.frame_bytes_max), (1_000_000_000, 64 << 20));
+        assert_eq!(
+            (greeting.serial.as_str(), greeting.sdk_version.as_str()),
+            ("SIM-0001", "none")
+        );
+    });
+    server("caps", |message| {
+        let ServerMessage::Caps(caps) = message else { panic!() };
+        assert_eq!((caps.sensor_px, caps.optics.as_str()), ([1440, 1080], "fine"));
+        assert_eq!((caps.roi_min_px, caps.roi_step_px), ([80, 4], [8, 4]));
+        assert_eq!(
+            (caps.exposure_min_us, caps.exposure_max_us, caps.exposure_default_us),
+            (10, 50_000, 1000)
+        );
+        assert_eq!(
+            (caps.image_count_min, caps.image_count_max, caps.image_count_default),
+            (12, 60, 24)
+        );
+        assert_eq!((caps.led_max_percent, caps.led_recommended_percent), (100, 25));
+        assert_eq!((caps.hdr_slot_count, caps.hdr_in_free_run), (2, false));
+        assert_eq!(caps.working_distance_mm, [200.0, 260.0, 320.0]);
+        assert_eq!((caps.camera_1_mm, caps.camera_2_mm), ([0.0; 3], [100.0, 0.0, 0.0]));
+        assert_eq!((caps.projector_mm, caps.spacing_mm), ([50.0, 0.0, 0.0], 0.04));
+        let masks = [
+            caps.components,
+            caps.outlier_filters,
+            caps.compressions,
+            caps.working_volumes,
+        ];
+        assert_eq!(masks, [0b10101, 0b1111, 0b1111, 0b11]);
+    });
+    server("configured", |message| {
+        let ServerMessage::Configured(configured) = message else {
+            panic!()
+        };
+        assert_eq!((configured.config_id, configured.settings), (77, PAGE_SETTINGS));
+        assert_eq!(
+            (configured.predicted_exposure_us, configured.frame_bytes),
+            (108_000, 5_443_200)
+        );
+    });
+}
+
+#[test]
+fn an_acquisition_keeps_every_field() {
+    server("armed", |message| {
+        assert_eq!(
+            message,
+            ServerMessage::Armed {
+                state: CameraState::Armed
+            }
+        )
+    });
+    server("disarmed", |message| {
+        assert_eq!(
+            message,
+            ServerMessage::Disarmed {
+                state: CameraState::Idle
+            }
+        );
+    });
+    server("trigger_ok", |message| {
+        let expected = TriggerOk {
+            trigger_id: PAGE_TRIGGER,
+            repeated: Repeated::New,
+            predicted_exposure_us: 108_000,
+            predicted_total_us: 208_000,
+        };
+        assert_eq!(message, ServerMessage::TriggerOk(expected));
+    });
+    server("exposure_done", |message| {
+        let expected = ExposureDone {
+            trigger_id: PAGE_TRIGGER,
+            exposure_begin_ns: 1_000_000,
+            exposure_end_ns: 2_000_000,
+        };
+        assert_eq!(message, ServerMessage::ExposureDone(expected));
+    });
+    server("fetch_ok", |message| {
+        let expected = FetchOk {
+            trigger_id: PAGE_TRIGGER,
+            state: FetchState::InFlight,
+            remaining_us: 90_000,
+        };
+        assert_eq!(message, ServerMessage::FetchOk(expected));
+    });
+    server("aborted", |message| {
+        let expected = Aborted {
+            trigger_id: PAGE_TRIGGER.0,
+            phase: AcquisitionPhase::Exposure,
+        };
+        assert_eq!(message, ServerMessage::Aborted(expected));
+    });
+}
+
+#[test]
+fn a_frame_keeps_every_field() {
+    server("frame_begin", |message| {
+        let ServerMessage::FrameBegin(begin) = message else {
+            panic!()
+        };
+        assert_eq!((begin.frame_id, begin.view_id, begin.config_id), (9, 5, 77));
+        assert_eq!(
+            (begin.exposure_begin_ns, begin.reconstruction_end_ns),
+            (1_000_000, 3_000_000)
+        );
+        assert_eq!((begin.width_px, begin.height_px, begin.valid_count), (2, 1, 1));
+        assert_eq!((begin.scale, begin.offset), ([1.0; 3], [0.0; 3]));
+        let flags = FrameFlags {
+            pass_count: 1,
+            binned: true,
+            degraded: false,
+            warm_up_incomplete: false,
+            simulated: true,
+        };
+        assert_eq!(begin.flags, flags);
+        assert_eq!(begin.temperature_c, [Some(35.5), Some(30.0), Some(30.25), None]);
+        let kinds: Vec<ComponentKind> = begin.components.iter().map(|component| component.kind).collect();
+        assert_eq!(
+            kinds,
+            [ComponentKind::Xyz, ComponentKind::Intensity, ComponentKind::Mask]
+        );
+        assert_eq!(begin.components[0].byte_count, 24);
+    });
+    server("frame_chunk_1", |message| {
+        let ServerMessage::FrameChunk(chunk) = message else {
+            panic!()
+        };
+        assert_eq!((chunk.component_index, chunk.data), (1, &[200, 10][..]));
+    });
+    server("frame_end", |message| {
+        let ServerMessage::FrameEnd(end) = message else {
+            panic!()
+        };
+        assert_eq!((end.status, end.trigger_id), (FrameStatus::Complete, PAGE_TRIGGER));
+        assert_eq!((end.components.len(), end.components[0].byte_count), (3, 24));
+    });
+}
+
+#[test]
+fn condition_event_and_error_keep_every_field() {
+    server("status", |message| {
+        let ServerMessage::Status(status) = message else {
+            panic!()
+        };
+        assert_eq!((status.state, status.temperature_c[3]), (CameraState::Armed, None));
+        assert_eq!((status.warm_up_done_s, status.warm_up_required_s), (2400, 2400));
+        assert_eq!(
+            (status.trigger_count, status.frame_count, status.link_mbit_s),
+            (6, 6, 1000)
+        );
+    });
+    server("event", |message| {
+        let ServerMessage::Event(event) = message else { panic!() };
+        assert_eq!(
+            (event.code, event.trigger_id),
+            (DeviceEvent::COOLDOWN_PAUSE, TRIGGER_ALL)
+        );
+        assert_eq!((event.device_ns, event.duration_ms), (5_000_000, 200));
+        assert_eq!(event.text, "LED pause 200 ms");
+    });
+    server("pong", |message| {
+        let expected = Pong {
+            sender_ns: 123_456_789,
+            device_ns: 6_000_000,
+            host_ns: 7_000_000,
+        };
+        assert_eq!(message, ServerMessage::Pong(expected));
+    });
+    server("error", |message| {
+        let ServerMessage::Error(error) = message else { panic!() };
+        assert_eq!((error.code, error.retryable, error.about_request_id), (202, true, 5));
+        assert_eq!(
+            (error.phase, error.text.as_str()),
+            (AcquisitionPhase::Acknowledge, "not armed")
+        );
+    });
 }
 
 #[test]
 fn cut_and_padded_payloads_are_refused_without_a_panic() {
-    for name in [
-        "hello_ok",
-        "caps",
-        "configured",
-        "armed",
-        "trigger_ok",
-        "exposure_done",
-        "frame_begin",
-        "frame_end",
-        "aborted",
-        "status",
-        "event",
-        "pong",
-        "error",
-        "bye",
-    ] {
-        let bytes = a3dp(name);
-        let kind = u16::from_le_bytes([bytes[6], bytes[7]]);
-        let payload = &bytes[HEADER_BYTES..];
+    for name in CLIENT.into_iter().chain(["ping"]) {
+        let (kind, payload) = vector(name);
+        for length in 0..payload.len() {
+            assert!(
+                ClientMessage::decode(kind, &payload[..length]).is_err(),
+                "{name} cut to {length}"
+            );
+        }
+        let padded = [&payload[..], &[0]].concat();
+        assert!(ClientMessage::decode(kind, &padded).is_err(), "{name} padded");
+    }
+    for name in SERVER.into_iter().filter(|name| !name.starts_with("frame_chunk")) {
+        let (kind, payload) = vector(name);
         for length in 0..payload.len() {
             assert!(
                 ServerMessage::decode(kind, &payload[..length]).is_err(),
                 "{name} cut to {length}"
             );
         }
-        let mut long = payload.to_vec();
-        long.push(0);
-        assert!(ServerMessage::decode(kind, &long).is_err(), "{name} padded");
+        let padded = [&payload[..], &[0]].concat();
+        assert!(ServerMessage::decode(kind, &padded).is_err(), "{name} padded");
     }
+}
+
+#[test]
+fn components_of_every_kind_may_come_in_ascending_order_only() {
+    let (_, payload) = vector("frame_begin");
+    let Ok(Some(ServerMessage::FrameBegin(mut begin))) = ServerMessage::decode(0x30, &payload) else {
+        panic!()
+    };
+    begin.components = ComponentKind::ALL
+        .map(|kind| Component {
+            kind,
+            chunk_count: 1,
+            byte_count: 2 * kind.pixel_bytes(),
+        })
+        .to_vec();
+    let said = |begin: &FrameBegin| {
+        let mut bytes = Vec::new();
+        ServerMessage::FrameBegin(Box::new(begin.clone())).encode(&mut bytes);
+        bytes
+    };
+    let expected = begin.clone();
+    assert_eq!(
+        ServerMessage::decode(0x30, &said(&begin)),
+        Ok(Some(ServerMessage::FrameBegin(expected)))
+    );
+    begin.components.swap(1, 2);
+    assert!(ServerMessage::decode(0x30, &said(&begin)).is_err());
+}
+
+#[test]
+fn a_whole_vector_is_its_message_in_a_frame() {
+    let bytes = a3dp("hello");
+    let message = client("hello");
+    let mut payload = Vec::new();
+    message.encode(&mut payload);
+    let frame = WireFrame {
+        kind: message.kind(),
+        request_id: 1,
+        flags: 0,
+        payload: &payload,
+    };
+    assert_eq!(FrameWriter::default().write(&frame), bytes);
 }
