@@ -18,7 +18,7 @@ use crate::blade::{Builtin, Mesh, stl};
 use crate::camera::optics::Optics;
 use crate::camera::render::{Renderer, SurfaceNoise};
 use crate::cell::Cell;
-use crate::fault::{CATALOGUE, Fault};
+use crate::fault::{Fault, catalogue};
 use crate::robot::ports::LinkOptions;
 use crate::robot::pose::{Pose, isometry_from_mm_deg};
 use crate::scene::Scene;
@@ -113,7 +113,7 @@ struct ServeArgs {
     /// File for the truth, written after each acquisition; that of the same run goes on.
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
-    /// Fault to inject, KIND[=VALUE][@VIEW]; may be repeated, `faults` lists them.
+    /// Fault to inject, KIND[=VALUE][@VIEW[.ATTEMPT][:PHASE]]; may be repeated, `faults` lists them.
     #[arg(long = "fault", value_name = "SPEC")]
     faults: Vec<Fault>,
     /// Standard deviation of the robot's position, per axis and view.
@@ -206,9 +206,10 @@ fn run(command: Command) -> Result<(), CliError> {
         Command::Camera(args) => serve(args, Devices::Camera),
         Command::Faults => {
             let mut stdout = io::stdout().lock();
-            for (spelling, meaning) in CATALOGUE {
-                writeln!(stdout, "{spelling:24} {meaning}")?;
+            for (spelling, meaning) in catalogue() {
+                writeln!(stdout, "{spelling:35} {meaning}")?;
             }
+            writeln!(stdout, "\n{PLACES}")?;
             Ok(())
         }
         Command::Blade { name, out } => {
@@ -416,6 +417,11 @@ fn parse_range(text: &str, [low, high]: [f64; 2]) -> Result<f64, String> {
 }
 
 const BUILTIN: &str = "builtin:";
+/// How the places of faults are written.
+const PLACES: &str = "\
+@VIEW is view and attempt of a trigger of the camera, written VIEW or VIEW.ATTEMPT (3.1: the second attempt at view 3).
+[:PHASE] is where in it, one of those in brackets; the first is meant where none is written (camera-gone@3:exposure).
+Every fault with a place happens once.";
 const SPEED_RANGE: [f64; 2] = [0.01, 1000.0];
 /// Of an error, in mm or degrees.
 const SIZE_RANGE: [f64; 2] = [0.0, 10.0];

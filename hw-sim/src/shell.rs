@@ -350,6 +350,7 @@ impl Shell {
         if let Err(error) = stream.set_nodelay(true) {
             log(&format!("connection {connection}: no TCP_NODELAY: {error}"));
         }
+        let address = stream.peer_addr().ok();
         let (reader, writer) = stream.into_split();
         let (bytes, to_write) = mpsc::unbounded_channel();
         let state = Connection {
@@ -358,7 +359,13 @@ impl Shell {
             writer: tokio::spawn(write(writer, to_write)),
         };
         self.writers.insert(connection, state);
-        service.connected(connection)
+        match (service, address) {
+            (Service::Camera, Some(address)) => {
+                self.cell.handle_input(self.now_ns(), service.connected(connection));
+                Input::CameraAddress { connection, address }
+            }
+            _ => service.connected(connection),
+        }
     }
 
     fn render(&self, job: RenderJob) {

@@ -2,14 +2,22 @@
 
 pub mod a3dp;
 mod acquisition;
+mod bridge;
+mod capture;
+mod connection;
 pub mod device;
 pub mod fields;
+mod frame;
 mod identity;
 pub mod message;
 mod noise;
 pub mod optics;
 pub mod payload;
 pub mod render;
-mod session;
+mod requests;
+mod script;
 pub mod settings;
+mod store;
+mod thermal;
 pub mod transfer;
+pub mod trouble;

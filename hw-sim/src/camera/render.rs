@@ -3,6 +3,8 @@
 //! Each pixel casts a ray from camera 1; where it meets the mesh, two more go to camera 2 and to the projector, so that
 //! stereo shadows fall as in the cell. Rays are moved into the blade frame; the mesh stays as it was built.
 
+pub use super::capture::{Capture, Compression, OutlierFilter, Roi, WorkingVolume};
+pub use super::frame::*;
 pub use super::noise::SurfaceNoise;
 use super::noise::{Exposed, Window, holes, unit_field};
 use super::optics::{Optics, SENSOR_HEIGHT_PX, SENSOR_WIDTH_PX};
@@ -14,89 +16,6 @@ use parry3d_f64::math::Vector;
 use parry3d_f64::query::{Ray, RayCast};
 use parry3d_f64::shape::{TriMesh, TriMeshBuilderError};
 use rayon::prelude::*;
-
-/// The mask's bits: no coordinates.
-pub const MASK_INVALID: u8 = 1;
-/// The mask's bits: brighter than full scale.
-pub const MASK_SATURATED: u8 = 2;
-/// The mask's bits: score below the threshold, or lost at a grazing angle.
-pub const MASK_LOW_MODULATION: u8 = 4;
-/// The mask's bits: hidden from camera 2 or from the projector.
-pub const MASK_OCCLUDED: u8 = 8;
-/// The mask's bits: removed as a drop-out, or beyond the measured range.
-pub const MASK_FILTERED: u8 = 16;
-
-/// Camera settings that shape a frame. Values are taken as they are: who owns the limits checks them.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Capture {
-    /// Half the columns and rows, four pixels averaged; the region of interest is ignored.
-    pub binning: bool,
-    /// The delivered part of the sensor.
-    pub roi: Roi,
-    /// Exposure of each image, µs.
-    pub exposure_us: f64,
-    /// Images of the pattern sequence.
-    pub image_count: u32,
-    /// Pixels with a lower score are invalid, 0 to 1.
-    pub score_threshold: f32,
-}
-
-impl Default for Capture {
-    /// The device's defaults (sheet 1.2): full grid, 1000 µs, 24 images, score 0.85.
-    fn default() -> Capture {
-        Capture {
-            binning: false,
-            roi: Roi::FULL,
-            exposure_us: 1000.0,
-            image_count: 24,
-            score_threshold: 0.85,
-        }
-    }
-}
-
-/// A rectangle of the sensor, in pixels of the full grid.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Roi {
-    /// Columns.
-    pub width_px: u32,
-    /// Rows.
-    pub height_px: u32,
-    /// First column.
-    pub offset_x_px: u32,
-    /// First row.
-    pub offset_y_px: u32,
-}
-
-impl Roi {
-    /// The whole sensor.
-    pub const FULL: Roi = Roi {
-        width_px: SENSOR_WIDTH_PX,
-        height_px: SENSOR_HEIGHT_PX,
-        offset_x_px: 0,
-        offset_y_px: 0,
-    };
-}
-
-/// An organised frame: row-major grids of equal size.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Frame {
-    /// Columns.
-    pub width_px: u32,
-    /// Rows.
-    pub height_px: u32,
-    /// Measured points in the camera frame, mm; NaN in all three where invalid.
-    pub xyz_mm: Vec<[f32; 3]>,
-    /// Why a pixel is invalid: `MASK_*` bits; 0 where valid.
-    pub mask: Vec<u8>,
-    /// Brightness, 255 is full scale.
-    pub intensity: Vec<u8>,
-    /// Pixels with coordinates.
-    pub valid_count: u32,
-    /// Pixels brighter than full scale.
-    pub saturated_count: u32,
-    /// Up to [`SURFACE_POINT_COUNT`] true points of valid pixels in the camera frame, mm, evenly spread by index.
-    pub surface_points_mm: Vec<[f64; 3]>,
-}
 
 /// Takes frames of one mesh. Built once: it holds the tree that makes rays fast.
 #[derive(Debug, Clone)]
@@ -197,6 +116,7 @@ impl Frame {
             xyz_mm: vec![[f32::NAN; 3]; count],
             mask: vec![MASK_INVALID; count],
             intensity: vec![0; count],
+            confidence: vec![0; count],
             valid_count: 0,
             saturated_count: 0,
             surface_points_mm: Vec::new(),
@@ -209,6 +129,7 @@ impl Frame {
             let first = row * self.width_px as usize + window.x_px[0];
             for (index, pixel) in (first..).zip(pixels) {
                 self.intensity[index] = pixel.intensity;
+                self.confidence[index] = pixel.confidence;
                 match pixel.point {
                     Ok((measured, truth)) => {
                         self.xyz_mm[index] = measured;
@@ -279,6 +200,7 @@ impl Grid {
 struct Pixel {
     point: Result<([f32; 3], Point3<f64>), u8>,
     intensity: u8,
+    confidence: u8,
 }
 
 /// What all rows of one frame share.
@@ -338,6 +260,7 @@ impl Shot<'_> {
             return Pixel {
                 point: Err(0),
                 intensity: 0,
+                confidence: 0,
             };
         };
         let depth_mm = hit.time_of_impact;
@@ -355,6 +278,7 @@ impl Shot<'_> {
             return Pixel {
                 point: Err(MASK_OCCLUDED),
                 intensity,
+                confidence: 0,
             };
         }
         let exposed = self.exposed(&to_projector, &normal);
@@ -373,6 +297,7 @@ impl Shot<'_> {
         Pixel {
             point,
             intensity: exposed.intensity(),
+            confidence: (255.0 * exposed.score()).round() as u8,
         }
     }
 
@@ -439,8 +364,6 @@ fn nalgebra(vector: Vector) -> Vector3<f64> {
     Vector3::new(vector.x, vector.y, vector.z)
 }
 
-/// Most true surface points a frame carries.
-pub const SURFACE_POINT_COUNT: usize = 200;
 /// Rays end here, mm: beyond the range of every preset.
 const FARTHEST_MM: f64 = 1e5;
 /// Shadow rays start this far off the surface, mm, so that they do not meet the triangle they leave.

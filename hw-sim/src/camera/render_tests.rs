@@ -364,3 +364,24 @@ fn every_built_in_blade_fits_the_optics_meant_for_it_and_fills_the_frame() {
         }
     }
 }
+
+/// Golden: pins that further terms of the model leave a matte frame without them as it is.
+#[test]
+fn a_matte_frame_has_the_same_bits_as_ever() {
+    let renderer = Renderer::new(&Builtin::HptC.mesh(), SurfaceNoise::matte()).unwrap();
+    let pose = Isometry3::from_parts(
+        Vector3::new(3.0, -4.0, 450.0).into(),
+        UnitQuaternion::from_rotation_matrix(&Rotation3::from_euler_angles(0.4, FRAC_PI_2, 0.1)),
+    );
+    let capture = Capture {
+        binning: true,
+        ..Capture::default()
+    };
+    let frame = renderer.render(&Optics::medium(), &pose, &capture, &DRAWS);
+    let xyz: Vec<u8> = frame.xyz_mm.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
+    let sums = [&xyz, &frame.mask, &frame.intensity].map(|bytes| crc32c::crc32c(bytes));
+    assert_eq!(
+        (frame.valid_count, sums),
+        (13_661, [3_593_005_873, 2_540_205_171, 2_794_027_772])
+    );
+}
