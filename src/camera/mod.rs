@@ -13,7 +13,9 @@ mod settings;
 mod wire;
 
 pub use capture::{Assembly, Capture, FrameError};
-pub use exchange::{COMPONENTS_WANTED, CameraEvent, CameraOutput, Exchange, ExchangeSettings, Opened, Trouble};
+pub use exchange::{
+    COMPONENTS_WANTED, CameraEvent, CameraOutput, ClockEstimate, Exchange, ExchangeSettings, Opened, Trouble,
+};
 pub use message::{
     Aborted, AcquisitionPhase, Arm, Bye, CameraError, CameraState, CameraStatus, Caps, ClientMessage, Component,
     ComponentEnd, ComponentKind, Configured, DeviceEvent, ExposureDone, FRAME_BYTES_LIMIT, FetchOk, FetchState,
