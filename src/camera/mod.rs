@@ -3,6 +3,7 @@
 //! [`Exchange`] opens the session, triggers and hands out whole [`Capture`]s. The bytes are fixed by
 //! `docs/protocols/camera.md`.
 
+pub mod bridge;
 mod capture;
 pub mod code;
 mod exchange;
