@@ -11,8 +11,10 @@ fn the_exchange_of_a_run_gets_its_frame_from_the_bridge() {
         frame_timeout_extra_ms: 2000,
         ping_interval_ms: 1000,
         dead_after_ms: 5000,
+        reconnect_timeout_ms: 60_000,
+        device_timeout_ms: 60_000,
     };
-    let mut exchange = Exchange::new(times, SETTINGS);
+    let mut exchange = Exchange::new(times, 1, crate::seed::Seed(3), vec![SETTINGS]);
     exchange.open(at(0));
     assert_eq!(exchange.poll_output(), Some(CameraOutput::Connect));
     let id = ConnectionId(1);
