@@ -6,7 +6,9 @@
 pub mod bridge;
 mod capture;
 pub mod code;
+pub mod conformance;
 mod exchange;
+pub mod lines;
 mod message;
 mod payload;
 mod picture;
