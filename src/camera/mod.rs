@@ -13,6 +13,8 @@ mod message;
 mod payload;
 mod picture;
 mod settings;
+mod suggest;
+mod visit;
 mod wire;
 
 pub use capture::{Assembly, Capture, FrameError};
@@ -27,7 +29,9 @@ pub use message::{
 };
 pub use payload::PayloadError;
 pub use picture::Pictures;
-pub use settings::{CameraSettings, SettingsError, VolumeOfInterest};
+pub use settings::{CameraSettings, SettingsError, VolumeOfInterest, difference};
+pub use suggest::{Exposed, PASS_FRACTION, Served, Suggestion, series_us, suggest};
+pub use visit::{Clock, Visit, VisitError};
 pub use wire::{
     CHUNK_PAYLOAD_MAX, CONTROL_PAYLOAD_MAX, FLAG_ERROR, FLAG_LAST, FLAG_REPLY, FrameReader, FrameWriter, HEADER_BYTES,
     WireError, WireFrame,

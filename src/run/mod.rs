@@ -1,5 +1,6 @@
 //! The shell: sockets, timers, the pool, files and the console. It moves bytes and decides nothing.
 
+mod camera_lines;
 mod clock;
 mod console;
 mod conversation;
@@ -14,6 +15,7 @@ mod robot_wire;
 mod simulated;
 mod wires;
 
+pub use camera_lines::camera_lines;
 pub use console::Console;
 pub use conversation::{Conversation, ConversationError};
 pub use file_transfer::{TransferError, Transferred, transfer};
