@@ -6,10 +6,15 @@
 pub mod bridge;
 mod capture;
 pub mod code;
+pub mod conformance;
 mod exchange;
+pub mod lines;
 mod message;
 mod payload;
+mod picture;
 mod settings;
+mod suggest;
+mod visit;
 mod wire;
 
 pub use capture::{Assembly, Capture, FrameError};
@@ -23,7 +28,10 @@ pub use message::{
     TRIGGER_ALL, Trigger, TriggerId, TriggerOk,
 };
 pub use payload::PayloadError;
-pub use settings::{CameraSettings, SettingsError, VolumeOfInterest};
+pub use picture::Pictures;
+pub use settings::{CameraSettings, SettingsError, VolumeOfInterest, difference};
+pub use suggest::{Exposed, PASS_FRACTION, Served, Suggestion, series_us, suggest};
+pub use visit::{Clock, Visit, VisitError};
 pub use wire::{
     CHUNK_PAYLOAD_MAX, CONTROL_PAYLOAD_MAX, FLAG_ERROR, FLAG_LAST, FLAG_REPLY, FrameReader, FrameWriter, HEADER_BYTES,
     WireError, WireFrame,

@@ -1,8 +1,11 @@
 //! The shell: sockets, timers, the pool, files and the console. It moves bytes and decides nothing.
 
 mod bridge;
+mod camera_lines;
+mod clock;
 mod console;
 mod conversation;
+mod datagrams;
 mod file_transfer;
 mod hold_on_panic;
 mod journal_file;
@@ -14,6 +17,7 @@ mod simulated;
 mod wires;
 
 pub use bridge::{BridgeError, BridgeReport, serve_bridge};
+pub use camera_lines::camera_lines;
 pub use console::Console;
 pub use conversation::{Conversation, ConversationError};
 pub use file_transfer::{TransferError, Transferred, transfer};

@@ -60,7 +60,8 @@ pub(super) fn camera_times(station: &Station) -> camera::ExchangeSettings {
     }
 }
 
-pub(super) fn camera_settings(recipe: &Recipe) -> camera::CameraSettings {
+/// What a recipe asks of the camera.
+pub fn camera_settings(recipe: &Recipe) -> camera::CameraSettings {
     let camera = &recipe.camera;
     let (binning, roi_px) = match camera.roi {
         Roi::Binned => (true, [1440, 1080, 0, 0, 0, 0]),

@@ -17,7 +17,7 @@ mod frames;
 mod identity;
 
 pub use arm::{Arm, ArmEvent, ArmSettings, JobSettings, Motion};
-pub use devices::exchange_settings;
+pub use devices::{camera_settings, exchange_settings};
 
 use crate::camera::{self, CameraOutput, Capture, TriggerId};
 use crate::event::{Ending, Event, HoldBy};
@@ -27,7 +27,7 @@ use crate::robot::RobotOutput;
 use crate::seed::Seed;
 use crate::settings::{Recipe, Station, Target as StationTarget};
 use crate::stamp::{Stamp, earlier};
-use devices::{arm_settings, camera_settings, camera_times};
+use devices::{arm_settings, camera_times};
 use nalgebra::Isometry3;
 use std::collections::VecDeque;
 use std::sync::Arc;

@@ -4,7 +4,6 @@ use crate::camera::bridge::BridgeConfig;
 use crate::cli::live_run::runtime;
 use crate::cli::{Exit, Failure};
 use crate::run::{BridgeReport, serve_bridge};
-use serde_json::json;
 use std::io::Write as _;
 use std::path::PathBuf;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -13,12 +12,9 @@ use std::time::{SystemTime, UNIX_EPOCH};
 pub(super) struct Args {
     /// The bridge's file: see config/bridges and docs/protocols/bridge.md.
     config: PathBuf,
-    /// Say where it listens in lines of JSON.
-    #[arg(long)]
-    json: bool,
 }
 
-pub(super) fn main(args: &Args) -> Result<Exit, Failure> {
+pub(super) fn main(args: &Args, json: bool) -> Result<Exit, Failure> {
     let text = std::fs::read_to_string(&args.config).map_err(|source| Failure::Read {
         path: args.config.clone(),
         source,
@@ -29,14 +25,14 @@ pub(super) fn main(args: &Args) -> Result<Exit, Failure> {
     config.vendor.frames = std::path::absolute(&config.vendor.frames)
         .map_err(|error| Failure::Usage(format!("[vendor] frames: {error}")))?;
     let report = |report: BridgeReport| match report {
-        BridgeReport::VendorListening(address) if args.json => {
-            writeln!(std::io::stdout(), "{}", json!({ "vendor": address })).ok();
+        BridgeReport::VendorListening(address) if json => {
+            writeln!(std::io::stdout(), "{}", serde_json::json!({ "vendor": address })).ok();
         }
         BridgeReport::VendorListening(address) => {
             writeln!(std::io::stdout(), "waiting for the vendor's side on {address}").ok();
         }
-        BridgeReport::Listening(address) if args.json => {
-            writeln!(std::io::stdout(), "{}", json!({ "a3dp": address })).ok();
+        BridgeReport::Listening(address) if json => {
+            writeln!(std::io::stdout(), "{}", serde_json::json!({ "a3dp": address })).ok();
         }
         BridgeReport::Listening(address) => {
             writeln!(std::io::stdout(), "serving A3DP/1 on {address}; Ctrl-C ends it").ok();

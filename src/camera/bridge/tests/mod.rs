@@ -1,6 +1,7 @@
 //! The bridge in virtual time: clients on one side, lines of the vendor's side on the other.
 
 mod acquisitions;
+mod conformance;
 mod device;
 mod sessions;
 
