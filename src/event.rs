@@ -1,5 +1,6 @@
 //! Events: what happened in a run, for the journal, the console and the report.
 
+use crate::camera::ClockEstimate;
 use crate::fault::Fault;
 use serde::{Deserialize, Serialize};
 
@@ -40,7 +41,12 @@ pub enum Event {
     /// The camera has been triggered.
     Triggered { view_index: usize, attempt: u16 },
     /// The exposure is over; the robot may move.
-    ExposureDone { view_index: usize, attempt: u16 },
+    ExposureDone {
+        view_index: usize,
+        attempt: u16,
+        /// By the camera's clock, in the run's time, ns; `None` while the clocks have not been compared.
+        ended_ns: Option<u64>,
+    },
     /// A whole frame has come.
     FrameArrived {
         view_index: usize,
@@ -94,6 +100,22 @@ pub enum Event {
         temperature_c: [Option<f32>; 4],
         missed_count: u32,
     },
+    /// The camera's connection is lost and being opened again; the run goes on where it can.
+    CameraAway { reason: String, within_ms: u64 },
+    /// The camera's connection stands again.
+    CameraBack {
+        away_ms: u64,
+        /// Whether the bridge was started anew: then what was open is lost.
+        restarted: bool,
+        /// The view whose frame is fetched, exposed before the connection was lost.
+        fetched_view_index: Option<usize>,
+    },
+    /// The bridge answers, but its camera cannot be used at the moment.
+    CameraWaiting { reason: String, within_ms: u64 },
+    /// The camera is armed again.
+    CameraRearmed,
+    /// How the camera's clock stands to the run's.
+    CameraClock { estimate: ClockEstimate },
     /// A datagram from the robot answered nothing that was open.
     DatagramDropped { reason: String },
     /// Something worth recording that changes nothing.
@@ -209,7 +231,9 @@ impl Event {
             Self::MoveStarted { view_index, attempt } => format!("{}: moving", named(*view_index, *attempt)),
             Self::Arrived { view_index, attempt } => format!("{}: in position", named(*view_index, *attempt)),
             Self::Triggered { view_index, attempt } => format!("{}: exposing", named(*view_index, *attempt)),
-            Self::ExposureDone { view_index, attempt } => format!("{}: exposed", named(*view_index, *attempt)),
+            Self::ExposureDone {
+                view_index, attempt, ..
+            } => format!("{}: exposed", named(*view_index, *attempt)),
             Self::FrameArrived {
                 view_index,
                 attempt,
@@ -258,6 +282,34 @@ impl Event {
             Self::AbortAsked => "ending the run, as the operator asked".into(),
             Self::Faulted { fault } => format!("FAULT {fault}"),
             Self::CameraCondition { state, .. } => format!("camera state {state}"),
+            Self::CameraAway { reason, within_ms } => format!(
+                "camera lost: {reason}; connecting again, for {} s at most",
+                seconds(*within_ms)
+            ),
+            Self::CameraBack {
+                away_ms,
+                restarted,
+                fetched_view_index,
+            } => {
+                let frame = match (restarted, fetched_view_index) {
+                    (true, _) => ", its bridge was started anew".to_owned(),
+                    (false, Some(view_index)) => format!(", fetching the frame of view {view_index}"),
+                    (false, None) => String::new(),
+                };
+                format!("camera back after {} s{frame}", seconds(*away_ms))
+            }
+            Self::CameraWaiting { reason, within_ms } => {
+                format!("waiting for the camera, {} s at most: {reason}", seconds(*within_ms))
+            }
+            Self::CameraRearmed => "camera armed again".into(),
+            Self::CameraClock { estimate } => format!(
+                "camera clock: {:.3} ms ahead, round trip {:.3} ms{}",
+                estimate.offset_ns as f64 * 1e-6,
+                estimate.round_trip_ns as f64 * 1e-6,
+                estimate
+                    .skew_ppm
+                    .map_or(String::new(), |skew_ppm| format!(", {skew_ppm:+.1} ppm fast"))
+            ),
             Self::DatagramDropped { reason } => format!("robot datagram dropped: {reason}"),
             Self::Noted { text } => text.clone(),
             Self::Ended { ending } => match ending {
@@ -279,6 +331,10 @@ impl ViewFigures {
             _ => String::new(),
         }
     }
+}
+
+fn seconds(ms: u64) -> f64 {
+    ms as f64 * 1e-3
 }
 
 fn named(view_index: usize, attempt: u16) -> String {

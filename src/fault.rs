@@ -52,7 +52,9 @@ pub enum FaultCode {
     CameraSettings,
     /// The camera refused the session or the settings.
     CameraRefused,
-    /// Three views in a row gave no frame.
+    /// The bridge answers, but its camera cannot be used.
+    CameraNotReady,
+    /// Three views, or three acquisitions, in a row gave no frame.
     CameraFailing,
     /// The wrong optics, or a working distance that does not fit.
     CameraOptics,
@@ -66,7 +68,7 @@ pub enum FaultCode {
 
 impl FaultCode {
     /// Every code, for the documentation's test.
-    pub const ALL: [Self; 23] = [
+    pub const ALL: [Self; 24] = [
         Self::RobotUnreachable,
         Self::RobotSilent,
         Self::RobotGarbled,
@@ -85,6 +87,7 @@ impl FaultCode {
         Self::CameraProtocol,
         Self::CameraSettings,
         Self::CameraRefused,
+        Self::CameraNotReady,
         Self::CameraFailing,
         Self::CameraOptics,
         Self::CameraIdentity,
@@ -113,6 +116,7 @@ impl FaultCode {
             Self::CameraProtocol => "camera-protocol",
             Self::CameraSettings => "camera-settings",
             Self::CameraRefused => "camera-refused",
+            Self::CameraNotReady => "camera-not-ready",
             Self::CameraFailing => "camera-failing",
             Self::CameraOptics => "camera-optics",
             Self::CameraIdentity => "camera-identity",

@@ -13,6 +13,8 @@ pub struct Seed(pub u64);
 pub enum Stream {
     /// The x and y tilts of the plan.
     Tilt,
+    /// The pauses before a lost connection is opened again.
+    Reconnecting,
     /// The samples drawn to register one view.
     Sampling {
         /// Which view.
@@ -26,6 +28,7 @@ impl Seed {
         let mut generator = ChaCha8Rng::seed_from_u64(self.0);
         generator.set_stream(match stream {
             Stream::Tilt => 1,
+            Stream::Reconnecting => 2,
             Stream::Sampling { view_index } => (1 << 32) | u64::from(view_index),
         });
         generator

@@ -43,9 +43,12 @@ overlap_min_fraction = 0.3
 /// What may be on its way.
 enum Delivery {
     ToRobot(Vec<u8>),
-    ToCamera(Vec<u8>),
-    CameraConnect,
-    CameraClose,
+    /// On the connection of this number.
+    ToCamera(u64, Vec<u8>),
+    CameraConnect(u64),
+    CameraClose(u64),
+    /// From the connection of this number: of an older one nothing is handed over.
+    FromCamera(u64, Input),
     ToController(Input),
     /// A person does something at the robot.
     ToPanel(Panel),
@@ -60,6 +63,8 @@ struct Pair {
     now_ns: u64,
     wire: BTreeMap<(u64, u64), Delivery>,
     next_number: u64,
+    /// The camera's newest connection.
+    connection: u64,
     /// Share of datagrams lost in each direction.
     loss: f64,
     chance: ChaCha8Rng,
@@ -84,6 +89,7 @@ impl Pair {
             version: "test".into(),
             target: "test".into(),
             seed: Seed(seed),
+            run_id: seed + 1,
             recipe: recipe.name.clone(),
             station: station.name.clone(),
             simulated: true,
@@ -108,6 +114,7 @@ impl Pair {
             now_ns: 0,
             wire: BTreeMap::new(),
             next_number: 0,
+            connection: 0,
             loss,
             chance: ChaCha8Rng::seed_from_u64(seed),
             journal,
@@ -159,15 +166,18 @@ impl Pair {
                 from: ([127, 0, 0, 1], 5000).into(),
                 bytes,
             }),
-            Delivery::ToCamera(bytes) => self.ask_cell(cell::Input::CameraBytes { connection: 1, bytes }),
-            Delivery::CameraConnect => {
-                self.ask_cell(cell::Input::CameraConnected { connection: 1 });
-                self.send(LATENCY_NS, Delivery::ToController(Input::CameraConnected));
+            Delivery::FromCamera(connection, input) if connection == self.connection => self.tell(input, on_event),
+            Delivery::FromCamera(..) => {}
+            Delivery::ToCamera(connection, bytes) => self.ask_cell(cell::Input::CameraBytes { connection, bytes }),
+            Delivery::CameraConnect(connection) => {
+                self.ask_cell(cell::Input::CameraConnected { connection });
+                self.send(LATENCY_NS, Delivery::FromCamera(connection, Input::CameraConnected));
             }
-            Delivery::CameraClose => {
-                self.ask_cell(cell::Input::CameraClosed { connection: 1 });
+            Delivery::CameraClose(connection) => {
+                self.ask_cell(cell::Input::CameraClosed { connection });
                 let reason = "closed".to_owned();
-                self.send(LATENCY_NS, Delivery::ToController(Input::CameraClosed { reason }));
+                let closed = Input::CameraClosed { reason };
+                self.send(LATENCY_NS, Delivery::FromCamera(connection, closed));
             }
         }
     }
@@ -189,9 +199,16 @@ impl Pair {
                         self.send(LATENCY_NS, Delivery::ToRobot(bytes));
                     }
                 }
-                Output::Camera(CameraOutput::Connect) => self.send(LATENCY_NS, Delivery::CameraConnect),
-                Output::Camera(CameraOutput::Bytes { bytes, .. }) => self.send(LATENCY_NS, Delivery::ToCamera(bytes)),
-                Output::Camera(CameraOutput::Close) => self.send(LATENCY_NS, Delivery::CameraClose),
+                Output::Camera(CameraOutput::Connect) => {
+                    self.connection += 1;
+                    self.send(LATENCY_NS, Delivery::CameraConnect(self.connection));
+                }
+                Output::Camera(CameraOutput::Bytes { bytes, .. }) => {
+                    self.send(LATENCY_NS, Delivery::ToCamera(self.connection, bytes));
+                }
+                Output::Camera(CameraOutput::Close) => {
+                    self.send(LATENCY_NS, Delivery::CameraClose(self.connection));
+                }
                 Output::Job { job_id, job } => {
                     let mut done = FinishedJob {
                         times: Vec::new(),
@@ -231,12 +248,13 @@ impl Pair {
                         self.send(LATENCY_NS, Delivery::ToController(Input::RobotBytes(bytes)));
                     }
                 }
-                cell::Output::CameraBytes { bytes, .. } => {
-                    self.send(LATENCY_NS, Delivery::ToController(Input::CameraBytes(bytes)));
+                cell::Output::CameraBytes { connection, bytes } => {
+                    self.send(LATENCY_NS, Delivery::FromCamera(connection, Input::CameraBytes(bytes)));
                 }
-                cell::Output::CameraClose { .. } => {
+                cell::Output::CameraClose { connection } => {
                     let reason = "the camera closed the connection".to_owned();
-                    self.send(LATENCY_NS, Delivery::ToController(Input::CameraClosed { reason }));
+                    let closed = Input::CameraClosed { reason };
+                    self.send(LATENCY_NS, Delivery::FromCamera(connection, closed));
                 }
                 cell::Output::Render(job) => {
                     let frame = job.run(&self.renderer);

@@ -8,6 +8,7 @@ use nalgebra::Isometry3;
 use crate::camera::device::{Device, DeviceOutput, DeviceSettings};
 use crate::camera::optics::Optics;
 use crate::camera::render::{Capture, Draws, Frame, Renderer};
+use crate::camera::trouble::CameraFault;
 use crate::pose_error::{calibration_error, pose_error};
 use crate::robot::controller::{Panel, Settings};
 use crate::robot::hses::Port;
@@ -29,6 +30,13 @@ pub enum Input {
     CameraConnected {
         /// New for each connection.
         connection: u64,
+    },
+    /// Where a client of the camera speaks from; who is refused in its favour reads it.
+    CameraAddress {
+        /// Connection it speaks on.
+        connection: u64,
+        /// Its end of the connection.
+        address: SocketAddr,
     },
     /// Bytes for the camera.
     CameraBytes {
@@ -197,6 +205,7 @@ impl Cell {
         self.robot.handle_input(now_ns, at_robot);
         match input {
             Input::CameraConnected { connection } => self.camera.handle_connected(now_ns, connection),
+            Input::CameraAddress { connection, address } => self.camera.handle_address(connection, address),
             Input::CameraBytes { connection, bytes } => self.camera.handle_bytes(now_ns, connection, &bytes),
             Input::CameraClosed { connection } => self.camera.handle_closed(now_ns, connection),
             Input::Rendered { job, frame } => self.take_frame(now_ns, job, frame),
@@ -230,6 +239,11 @@ impl Cell {
     /// When [`Input::Wake`] has something to do.
     pub fn wake_at(&self) -> Option<u64> {
         self.camera.wake_at().into_iter().chain(self.robot.wake_at()).min()
+    }
+
+    /// Faults of the camera's triggers that have happened so far.
+    pub fn met_camera_faults(&self) -> Vec<CameraFault> {
+        self.camera.met_faults()
     }
 
     /// Everything true so far.

@@ -18,13 +18,14 @@ use crate::blade::{Builtin, Mesh, stl};
 use crate::camera::optics::Optics;
 use crate::camera::render::{Renderer, Surface, Term, Terms};
 use crate::cell::Cell;
-use crate::fault::{CATALOGUE, Fault};
+use crate::fault::{Fault, catalogue};
 use crate::robot::ports::LinkOptions;
 use crate::robot::pose::{Pose, isometry_from_mm_deg};
 use crate::scene::Scene;
 use crate::score::score_folder;
 use crate::shell::{self, Sockets, Wanted};
 use crate::truth::{PoseErrorSize, Truth};
+use crate::vendor;
 
 /// Runs the command line `args` (without the name of the program) and says how it went: 0 done, 1 failed, 2 bad arguments
 /// or bad input. `program` stands in the help.
@@ -68,6 +69,9 @@ enum Command {
     Robot(ServeArgs),
     /// Serve the camera alone, the blade held at its nominal distance.
     Camera(ServeArgs),
+    /// The vendor's side of a bridge: a slanting plane, for `bladescan camera bridge` to be tried on.
+    #[command(hide = true)]
+    Vendor(vendor::Args),
     /// List the faults that can be injected.
     Faults,
     /// Write a built-in blade as STL.
@@ -125,7 +129,7 @@ struct ServeArgs {
     /// File for the truth, written after each acquisition; that of the same run goes on.
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
-    /// Fault to inject, KIND[=VALUE][@VIEW]; may be repeated, `faults` lists them.
+    /// Fault to inject, KIND[=VALUE][@VIEW[.ATTEMPT][:PHASE]]; may be repeated, `faults` lists them.
     #[arg(long = "fault", value_name = "SPEC")]
     faults: Vec<Fault>,
     /// Standard deviation of the robot's position, per axis and view.
@@ -218,9 +222,10 @@ fn run(command: Command) -> Result<(), CliError> {
         Command::Camera(args) => serve(args, Devices::Camera),
         Command::Faults => {
             let mut stdout = io::stdout().lock();
-            for (spelling, meaning) in CATALOGUE {
-                writeln!(stdout, "{spelling:24} {meaning}")?;
+            for (spelling, meaning) in catalogue() {
+                writeln!(stdout, "{spelling:35} {meaning}")?;
             }
+            writeln!(stdout, "\n{PLACES}")?;
             Ok(())
         }
         Command::Blade { name, out } => {
@@ -228,6 +233,7 @@ fn run(command: Command) -> Result<(), CliError> {
             let mesh = blade.ok_or(CliError::NoBlade(name))?.mesh();
             stl::write(&out, &mesh).map_err(|source| CliError::Write { path: out, source })
         }
+        Command::Vendor(args) => Ok(vendor::serve(&args, io::stdin().lock(), io::stdout().lock())?),
         Command::Score { dir, json: _ } => {
             let score = score_folder(&dir)?;
             let mut stdout = io::stdout().lock();
@@ -448,6 +454,11 @@ fn parse_range(text: &str, [low, high]: [f64; 2]) -> Result<f64, String> {
 }
 
 const BUILTIN: &str = "builtin:";
+/// How the places of faults are written.
+const PLACES: &str = "\
+@VIEW is view and attempt of a trigger of the camera, written VIEW or VIEW.ATTEMPT (3.1: the second attempt at view 3).
+[:PHASE] is where in it, one of those in brackets; the first is meant where none is written (camera-gone@3:exposure).
+Every fault with a place happens once.";
 const SPEED_RANGE: [f64; 2] = [0.01, 1000.0];
 /// Of an error, in mm or degrees.
 const SIZE_RANGE: [f64; 2] = [0.0, 10.0];

@@ -5,50 +5,27 @@ use std::str::FromStr;
 
 use thiserror::Error;
 
+use crate::camera::trouble::CameraFault;
+
 /// One thing that goes wrong in the simulated cell. Each of those with a view happens once.
 ///
-/// The view of a camera fault is the upper half of the trigger id, and only attempt 0 meets it. The view of a robot fault
-/// counts accepted moves from 0.
+/// The view of a robot fault counts accepted moves from 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Fault {
-    /// The camera's connection closes in the middle of a frame.
-    CameraGone {
-        /// View whose frame breaks off.
-        view: u32,
-    },
-    /// A retryable ERROR comes instead of a frame.
-    CameraError {
-        /// A3DP error code.
-        code: u16,
-        /// View that gets no frame.
-        view: u32,
-    },
-    /// A component arrives with another CRC than FRAME_END states.
-    CorruptChunk {
-        /// View whose data is damaged.
-        view: u32,
-    },
-    /// A frame without a single valid point.
-    EmptyFrame {
-        /// View that sees nothing.
-        view: u32,
-    },
-    /// The camera falls silent in the middle of a frame; its connection stays open.
-    CameraSilent {
-        /// View whose frame stops.
-        view: u32,
-    },
-    /// A frame comes late.
-    LateFrame {
-        /// Delay in real seconds, whatever the speed of the simulation.
-        delay_s: f64,
-        /// View whose frame is late.
-        view: u32,
-    },
+    /// Something is wrong with one trigger of the camera.
+    Camera(CameraFault),
     /// CONFIGURED echoes another exposure than was asked for.
     ConfigEcho,
     /// Another controller has the camera.
-    ControllerBusy,
+    ControllerBusy {
+        /// Real seconds from the first refusal on; to the end where it is none.
+        span_s: Option<f64>,
+    },
+    /// The camera is cold at first.
+    ColdStart {
+        /// Triggers after which it is warm.
+        trigger_count: u32,
+    },
     /// An alarm in the middle of a move.
     RobotAlarm {
         /// Alarm code of the controller.
@@ -149,30 +126,24 @@ pub enum Fault {
 }
 
 /// Spelling and meaning of every fault, for people.
-pub const CATALOGUE: [(&str, &str); 27] = [
-    (
-        "camera-gone@VIEW",
-        "the camera's connection closes in the middle of the frame",
-    ),
-    (
-        "camera-error=CODE@VIEW",
-        "a retryable ERROR of this code comes instead of the frame",
-    ),
-    (
-        "corrupt-chunk@VIEW",
-        "a byte of the frame is damaged, and its component's CRC no longer agrees",
-    ),
-    ("empty-frame@VIEW", "the frame has no valid point"),
-    (
-        "camera-silent@VIEW",
-        "the camera sends nothing any more from the middle of the frame on, without closing",
-    ),
-    (
-        "late-frame=SECONDS@VIEW",
-        "the frame comes this much later (real seconds)",
-    ),
+pub fn catalogue() -> impl Iterator<Item = (String, String)> {
+    let others = CATALOGUE
+        .iter()
+        .map(|(spelling, meaning)| ((*spelling).to_owned(), (*meaning).to_owned()));
+    CameraFault::catalogue().chain(others)
+}
+
+/// Faults but those of one trigger of the camera.
+const CATALOGUE: [(&str, &str); 22] = [
     ("config-echo", "CONFIGURED echoes another exposure than was asked for"),
-    ("controller-busy", "another controller has the camera: HELLO is refused"),
+    (
+        "controller-busy[=SECONDS]",
+        "another controller has the camera: HELLO is refused, to the end or this long after the first (real seconds)",
+    ),
+    (
+        "cold-start=COUNT",
+        "the camera is cold at first, and warm after this many triggers",
+    ),
     (
         "robot-alarm=CODE@MOVE",
         "an alarm in the middle of an accepted move, counted from 0",
@@ -257,23 +228,8 @@ pub enum FaultError {
         /// Text as written.
         written: String,
         /// Spelling of this kind.
-        expected: &'static str,
+        expected: String,
     },
-}
-
-impl Fault {
-    /// View whose acquisition meets this fault; none for a fault of the robot or of a whole run.
-    pub fn camera_view(&self) -> Option<u32> {
-        match *self {
-            Self::CameraGone { view }
-            | Self::CameraError { view, .. }
-            | Self::CorruptChunk { view }
-            | Self::EmptyFrame { view }
-            | Self::CameraSilent { view }
-            | Self::LateFrame { view, .. } => Some(view),
-            _ => None,
-        }
-    }
 }
 
 impl FromStr for Fault {
@@ -288,34 +244,36 @@ impl FromStr for Fault {
             Some((kind, value)) => (kind, Some(value)),
             None => (head, None),
         };
-        let expected = CATALOGUE
-            .iter()
-            .map(|(spelling, _)| *spelling)
-            .find(|spelling| spelling.split(['=', '@']).next() == Some(kind))
+        let expected = catalogue()
+            .map(|(spelling, _)| spelling)
+            .find(|spelling| spelling.split(['=', '@', '[']).next() == Some(kind))
             .ok_or_else(|| FaultError::UnknownKind { kind: kind.to_owned() })?;
-        let well_formed = value.is_some() == expected.contains('=') && view.is_some() == expected.contains('@');
+        let value_fits = value.is_some() == expected.contains('=') || expected.contains("[=");
+        let well_formed = value_fits && view.is_some() == expected.contains('@');
         let form = || FaultError::Form {
             written: written.to_owned(),
-            expected,
+            expected: expected.clone(),
         };
         if !well_formed {
             return Err(form());
         }
-        parse_kind(kind, value.unwrap_or_default(), view).ok_or_else(form)
+        let fault = if CameraFault::has_name(kind) {
+            CameraFault::parse(kind, value.unwrap_or_default(), view.unwrap_or_default()).map(Self::Camera)
+        } else {
+            parse_kind(kind, value, view)
+        };
+        fault.ok_or_else(form)
     }
 }
 
 impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::CameraGone { view } => write!(f, "camera-gone@{view}"),
-            Self::CameraError { code, view } => write!(f, "camera-error={code}@{view}"),
-            Self::CorruptChunk { view } => write!(f, "corrupt-chunk@{view}"),
-            Self::EmptyFrame { view } => write!(f, "empty-frame@{view}"),
-            Self::CameraSilent { view } => write!(f, "camera-silent@{view}"),
-            Self::LateFrame { delay_s, view } => write!(f, "late-frame={delay_s}@{view}"),
+            Self::Camera(fault) => fault.fmt(f),
             Self::ConfigEcho => write!(f, "config-echo"),
-            Self::ControllerBusy => write!(f, "controller-busy"),
+            Self::ControllerBusy { span_s: None } => write!(f, "controller-busy"),
+            Self::ControllerBusy { span_s: Some(span_s) } => write!(f, "controller-busy={span_s}"),
+            Self::ColdStart { trigger_count } => write!(f, "cold-start={trigger_count}"),
             Self::RobotAlarm { code, view } => write!(f, "robot-alarm={code}@{view}"),
             Self::Estop { view } => write!(f, "estop@{view}"),
             Self::RobotSilent { view } => write!(f, "robot-silent@{view}"),
@@ -340,7 +298,8 @@ impl fmt::Display for Fault {
 }
 
 /// The fault, or none where value or view is no number or out of range.
-fn parse_kind(kind: &str, value: &str, view: Option<&str>) -> Option<Fault> {
+fn parse_kind(kind: &str, written: Option<&str>, view: Option<&str>) -> Option<Fault> {
+    let value = written.unwrap_or_default();
     let view = match view {
         Some(view) => view.parse::<u32>().ok()?,
         None => 0,
@@ -354,20 +313,13 @@ fn parse_kind(kind: &str, value: &str, view: Option<&str>) -> Option<Fault> {
     let number = || value.parse::<f64>().ok().filter(|number| number.is_finite());
     let share = || number().filter(|fraction| (0.0..=1.0).contains(fraction));
     Some(match kind {
-        "camera-gone" => Fault::CameraGone { view },
-        "camera-error" => Fault::CameraError {
-            code: value.parse().ok()?,
-            view,
-        },
-        "corrupt-chunk" => Fault::CorruptChunk { view },
-        "empty-frame" => Fault::EmptyFrame { view },
-        "camera-silent" => Fault::CameraSilent { view },
-        "late-frame" => Fault::LateFrame {
-            delay_s: number().filter(|delay| (0.0..=DELAY_MAX_S).contains(delay))?,
-            view,
-        },
         "config-echo" => Fault::ConfigEcho,
-        "controller-busy" => Fault::ControllerBusy,
+        "controller-busy" => Fault::ControllerBusy {
+            span_s: if written.is_some() { Some(span()?) } else { None },
+        },
+        "cold-start" => Fault::ColdStart {
+            trigger_count: value.parse().ok().filter(|count| *count > 0)?,
+        },
         "robot-alarm" => Fault::RobotAlarm {
             code: value.parse().ok().filter(|code| *code > 0)?,
             view,
@@ -404,9 +356,7 @@ struct Spellings;
 
 impl fmt::Display for Spellings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        CATALOGUE
-            .iter()
-            .try_for_each(|(spelling, meaning)| write!(f, "\n  {spelling:24} {meaning}"))
+        catalogue().try_for_each(|(spelling, meaning)| write!(f, "\n  {spelling:35} {meaning}"))
     }
 }
 
@@ -419,9 +369,12 @@ mod tests {
 
     #[test]
     fn every_fault_of_the_catalogue_is_read_and_written_back() {
-        for (spelling, _) in CATALOGUE {
+        for (spelling, _) in catalogue() {
             let written = spelling
                 .replace("@VIEW", "@3")
+                .replace("[:PHASE]", "")
+                .replace("[=SECONDS]", "=1.5")
+                .replace("COUNT", "7")
                 .replace("@MOVE", "@3")
                 .replace("@BLOCK", "@3")
                 .replace("CODE", "402")
@@ -437,8 +390,8 @@ mod tests {
     #[test]
     fn an_unknown_fault_is_answered_with_the_list_of_all() {
         let error = "camera-on-fire@3".parse::<Fault>().unwrap_err().to_string();
-        for (spelling, _) in CATALOGUE {
-            assert!(error.contains(spelling), "{error}");
+        for (spelling, _) in catalogue() {
+            assert!(error.contains(&spelling), "{error}");
         }
     }
 

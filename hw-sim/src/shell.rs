@@ -15,7 +15,7 @@ use tokio::net::{TcpListener, TcpStream, UdpSocket};
 use tokio::sync::{mpsc, watch};
 use tokio::task::JoinHandle;
 
-use crate::camera::render::Renderer;
+use crate::camera::render::{Frame, Renderer};
 use crate::cell::{Cell, Input, Output, RenderJob};
 use crate::robot::hses::Port;
 use crate::robot::ports::{PortInput, PortOutput};
@@ -165,6 +165,17 @@ fn listen_error(transport: &'static str, port: u16) -> impl FnOnce(io::Error) ->
 pub async fn serve(
     cell: Cell,
     renderer: Arc<Renderer>,
+    sockets: Sockets,
+    truth_path: Option<PathBuf>,
+    stop: impl Future<Output = ()>,
+) -> Result<(), ShellError> {
+    serve_with(cell, move |job| job.run(&renderer), sockets, truth_path, stop).await
+}
+
+/// As [`serve`]; frames come from `render`, which may look at them. It is called on threads of its own.
+pub async fn serve_with(
+    cell: Cell,
+    render: impl Fn(&RenderJob) -> Frame + Send + Sync + 'static,
     mut sockets: Sockets,
     truth_path: Option<PathBuf>,
     stop: impl Future<Output = ()>,
@@ -174,7 +185,7 @@ pub async fn serve(
     let truth_writer = truth_path.map(|path| tokio::spawn(write_truths(path, truths)));
     let mut shell = Shell {
         cell,
-        renderer,
+        render: Arc::new(render),
         start: Instant::now(),
         writers: BTreeMap::new(),
         serial: sockets.serial.take().map(|line| line.serve(input_sender.clone())),
@@ -189,7 +200,7 @@ pub async fn serve(
 
 struct Shell {
     cell: Cell,
-    renderer: Arc<Renderer>,
+    render: Arc<dyn Fn(&RenderJob) -> Frame + Send + Sync>,
     start: Instant,
     /// Bytes on their way to each client of camera and host control. The cell never has more than one frame under way.
     writers: BTreeMap<u64, Connection>,
@@ -350,6 +361,7 @@ impl Shell {
         if let Err(error) = stream.set_nodelay(true) {
             log(&format!("connection {connection}: no TCP_NODELAY: {error}"));
         }
+        let address = stream.peer_addr().ok();
         let (reader, writer) = stream.into_split();
         let (bytes, to_write) = mpsc::unbounded_channel();
         let state = Connection {
@@ -358,13 +370,19 @@ impl Shell {
             writer: tokio::spawn(write(writer, to_write)),
         };
         self.writers.insert(connection, state);
-        service.connected(connection)
+        match (service, address) {
+            (Service::Camera, Some(address)) => {
+                self.cell.handle_input(self.now_ns(), service.connected(connection));
+                Input::CameraAddress { connection, address }
+            }
+            _ => service.connected(connection),
+        }
     }
 
     fn render(&self, job: RenderJob) {
-        let (renderer, inputs) = (Arc::clone(&self.renderer), self.input_sender.clone());
+        let (render, inputs) = (Arc::clone(&self.render), self.input_sender.clone());
         tokio::task::spawn_blocking(move || {
-            let frame = job.run(&renderer);
+            let frame = render(&job);
             // The shell may have ended meanwhile; nobody waits for the frame then.
             inputs.blocking_send(Input::Rendered { job: job.job, frame }).ok();
         });

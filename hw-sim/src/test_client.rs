@@ -1,6 +1,6 @@
 //! The client's half of a camera connection, for tests.
 
-use crate::camera::a3dp::{Parser, RawFrame};
+use crate::camera::a3dp::{Parser, ProtocolError, RawFrame};
 use crate::camera::fields::{Rest, Str8, Zero};
 use crate::camera::message::{Arm, Hello, Message, Trigger};
 use crate::camera::settings::Settings;
@@ -36,24 +36,33 @@ impl Client {
 
     /// Messages in bytes of the camera; every frame must be right.
     pub(crate) fn read(&mut self, bytes: &[u8]) -> Vec<(RawFrame, Message)> {
+        self.try_read(bytes).into_iter().map(Result::unwrap).collect()
+    }
+
+    /// Messages in bytes of the camera, and what is wrong with the stream.
+    pub(crate) fn try_read(&mut self, bytes: &[u8]) -> Vec<Result<(RawFrame, Message), ProtocolError>> {
         self.parser.handle_bytes(bytes);
         core::iter::from_fn(|| self.parser.poll_frame())
             .map(|frame| {
-                let frame = frame.unwrap();
+                let frame = frame?;
                 let message = Message::read(frame.kind, &frame.payload).unwrap();
-                (frame, message)
+                Ok((frame, message))
             })
             .collect()
     }
 }
 
 pub(crate) fn hello() -> Message {
+    hello_as(1, 1)
+}
+
+pub(crate) fn hello_as(role: u8, run_id: u64) -> Message {
     Message::Hello(Hello {
         min_version: [1, 0],
         max_version: [1, 0],
-        role: 1,
+        role,
         reserved: Zero,
-        run_id: 1,
+        run_id,
         client_name: Str8("test".to_owned()),
     })
 }

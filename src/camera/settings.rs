@@ -256,7 +256,7 @@ fn volume_of_interest(bytes: &[u8]) -> Result<Option<VolumeOfInterest>, Settings
 }
 
 /// The first setting whose echo differs, in words.
-pub(super) fn difference(wanted: &CameraSettings, found: &CameraSettings) -> Option<String> {
+pub fn difference(wanted: &CameraSettings, found: &CameraSettings) -> Option<String> {
     let list = |settings: &CameraSettings| {
         [
             ("binning", f64::from(u8::from(settings.binning))),

@@ -4,6 +4,7 @@ use super::files::{Read, make_run_dir, plan, read_recipe, read_station};
 use super::{Exit, Failure, operator, print};
 use crate::controller::{Controller, Header};
 use crate::event::Ending;
+use crate::job::sha256;
 use crate::plan::Plan;
 use crate::run::{Console, JournalFile, Links, Live, Outcome, Pool, RobotPlace, pack_file, run};
 use crate::seed::Seed;
@@ -97,6 +98,7 @@ impl RunJob {
             version: env!("CARGO_PKG_VERSION").into(),
             target: format!("{}-{}", std::env::consts::ARCH, std::env::consts::OS),
             seed: self.seed,
+            run_id: run_id(start_unix_ns),
             recipe: self.recipe.meaning.name.clone(),
             station: self.station.meaning.name.clone(),
             simulated: !matches!(self.station.meaning.target, Target::Cell { .. }),
@@ -139,6 +141,13 @@ impl RunJob {
         ));
         Ok(exit(&outcome))
     }
+}
+
+/// A name for a new run that no other run has: from the moment and the process.
+fn run_id(start_unix_ns: u64) -> u64 {
+    let digest = sha256(format!("{start_unix_ns} {}", std::process::id()).as_bytes());
+    let first = digest.get(..16).and_then(|digits| u64::from_str_radix(digits, 16).ok());
+    first.unwrap_or(start_unix_ns).max(1)
 }
 
 pub(super) fn runtime() -> Result<tokio::runtime::Runtime, Failure> {

@@ -1,5 +1,6 @@
 //! The command line: words to actions.
 
+mod camera;
 mod check;
 mod dry_run;
 mod files;
@@ -45,6 +46,8 @@ enum Command {
     Register(register::Args),
     /// Look at the robot, without a run: nothing moves.
     Robot(robot::Args),
+    /// Look at the camera, test a bridge to one, or be one, without a run.
+    Camera(camera::Args),
     /// The simulated cell on its own: `sim --help` lists its commands.
     #[cfg(feature = "sim")]
     #[command(
@@ -71,6 +74,7 @@ pub fn main() -> ExitCode {
         Command::Replay(args) => replay::main(&args),
         Command::Register(args) => register::main(&args),
         Command::Robot(args) => robot::main(&args),
+        Command::Camera(args) => camera::main(&args),
         #[cfg(feature = "sim")]
         Command::Sim { words } => return hw_sim::cli::main_from(words.into_iter(), "bladescan sim"),
     };

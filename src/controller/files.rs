@@ -19,6 +19,9 @@ pub struct Header {
     pub target: String,
     /// The run's seed.
     pub seed: Seed,
+    /// Names the run to the camera, which keeps the frames of one run; a run that is resumed keeps it. Not 0.
+    #[serde(default = "run_id_of_old")]
+    pub run_id: u64,
     /// Name of the recipe.
     pub recipe: String,
     /// Name of the station.
@@ -31,6 +34,11 @@ pub struct Header {
     pub started_utc: String,
     /// How many of the plan's views are taken, if not all.
     pub view_count: Option<usize>,
+}
+
+/// What recordings without a run id said.
+fn run_id_of_old() -> u64 {
+    1
 }
 
 /// The files, in the order in which they are written.

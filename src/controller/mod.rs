@@ -143,7 +143,7 @@ impl Controller {
     /// A run that has not begun.
     pub fn new(header: Header, recipe: &Recipe, station: &Station, plan: Plan) -> Self {
         Self {
-            session: Session::new(recipe, station, plan.views()),
+            session: Session::new(recipe, station, plan.views(), header.run_id, header.seed),
             backlog: Backlog::new(recipe, station, plan.views(), header.seed),
             header,
             plan,

@@ -120,6 +120,7 @@ mod tests {
             version: "0".into(),
             target: "t".into(),
             seed: Seed(7),
+            run_id: 11,
             recipe: "r".into(),
             station: "s".into(),
             simulated: true,

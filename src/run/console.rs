@@ -122,6 +122,10 @@ fn is_worth_a_line(event: &Event) -> bool {
         | Event::RobotIdentified { .. }
         | Event::CameraReady { .. }
         | Event::FrameFailed { .. }
+        | Event::CameraAway { .. }
+        | Event::CameraBack { .. }
+        | Event::CameraWaiting { .. }
+        | Event::CameraRearmed
         | Event::ViewMerged { .. }
         | Event::ViewDiscarded { .. }
         | Event::ViewMissing { .. }

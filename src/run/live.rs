@@ -101,6 +101,29 @@ pub enum LiveError {
     Journal(#[from] JournalError),
 }
 
+/// The camera's connection. Each one has a queue of its own, so that nothing of an older one is taken for the newest's.
+#[derive(Default)]
+struct CameraWire {
+    outgoing: Option<mpsc::Sender<Vec<u8>>>,
+    news: Option<mpsc::Receiver<Input>>,
+}
+
+impl CameraWire {
+    fn connect(&mut self, address: SocketAddr) {
+        let (sender, receiver) = mpsc::channel(NEWS_MAX);
+        self.news = Some(receiver);
+        self.outgoing = Some(wires::open(Place::Tcp(address), wires::CAMERA, sender));
+    }
+
+    /// The next input from the newest connection; `None` when it has none any more.
+    async fn recv(&mut self) -> Option<Input> {
+        match &mut self.news {
+            Some(news) => news.recv().await,
+            None => None,
+        }
+    }
+}
+
 /// Carries a run out to its end.
 pub async fn run(live: Live<'_>) -> Result<Outcome, LiveError> {
     let (news, stream_news) = mpsc::channel(NEWS_MAX);
@@ -109,7 +132,7 @@ pub async fn run(live: Live<'_>) -> Result<Outcome, LiveError> {
     let shell = Shell {
         clock: Clock::start(),
         robot,
-        camera: None,
+        camera: CameraWire::default(),
         news,
         finished,
         journal_failed: false,
@@ -124,7 +147,7 @@ struct Shell<'a> {
     live: Live<'a>,
     clock: Clock,
     robot: RobotWire,
-    camera: Option<mpsc::Sender<Vec<u8>>>,
+    camera: CameraWire,
     news: mpsc::Sender<Input>,
     /// At most a handful of jobs are ever open, so this queue is bounded by the controller.
     finished: mpsc::UnboundedSender<Input>,
@@ -150,6 +173,7 @@ impl Shell<'_> {
                 () = self.clock.sleep_until(wake) => Input::Wake,
                 Some(input) = finished_jobs.recv() => input,
                 Some(input) = stream_news.recv() => input,
+                Some(input) = self.camera.recv() => input,
             };
             self.handle(input).await;
         }
@@ -188,13 +212,13 @@ impl Shell<'_> {
             }
             Output::Robot(RobotOutput::Connect) => self.robot.connect(&self.news),
             Output::Robot(RobotOutput::Close) => self.robot.close(),
-            Output::Camera(CameraOutput::Connect) => self.connect_camera(),
-            Output::Camera(CameraOutput::Close) => self.camera = None,
+            Output::Camera(CameraOutput::Connect) => self.camera.connect(self.live.links.camera),
+            Output::Camera(CameraOutput::Close) => self.camera.outgoing = None,
             Output::Camera(CameraOutput::Bytes { bytes, act }) => {
                 if act && !self.flushed(now) {
                     return;
                 }
-                if let Some(camera) = &self.camera {
+                if let Some(camera) = &self.camera.outgoing {
                     // The writer ends when the connection does; its reader reports that.
                     camera.send(bytes).await.ok();
                 }
@@ -239,11 +263,6 @@ impl Shell<'_> {
             let reason = error.to_string();
             self.live.controller.handle_input(now, Input::JournalFailed { reason });
         }
-    }
-
-    fn connect_camera(&mut self) {
-        let place = Place::Tcp(self.live.links.camera);
-        self.camera = Some(wires::open(place, wires::CAMERA, self.news.clone()));
     }
 
     fn conclude(self) -> Result<Outcome, LiveError> {

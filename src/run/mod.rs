@@ -1,5 +1,7 @@
 //! The shell: sockets, timers, the pool, files and the console. It moves bytes and decides nothing.
 
+mod bridge;
+mod camera_lines;
 mod clock;
 mod console;
 mod conversation;
@@ -14,6 +16,8 @@ mod robot_wire;
 mod simulated;
 mod wires;
 
+pub use bridge::{BridgeError, BridgeReport, serve_bridge};
+pub use camera_lines::camera_lines;
 pub use console::Console;
 pub use conversation::{Conversation, ConversationError};
 pub use file_transfer::{TransferError, Transferred, transfer};

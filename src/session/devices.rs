@@ -55,10 +55,13 @@ pub(super) fn camera_times(station: &Station) -> camera::ExchangeSettings {
         frame_timeout_extra_ms: ms(camera.frame_timeout_extra_ns),
         ping_interval_ms: ms(camera.ping_interval_ns),
         dead_after_ms: ms(camera.dead_after_ns),
+        reconnect_timeout_ms: ms(camera.reconnect_timeout_ns),
+        device_timeout_ms: ms(camera.device_timeout_ns),
     }
 }
 
-pub(super) fn camera_settings(recipe: &Recipe) -> camera::CameraSettings {
+/// What a recipe asks of the camera.
+pub fn camera_settings(recipe: &Recipe) -> camera::CameraSettings {
     let camera = &recipe.camera;
     let (binning, roi_px) = match camera.roi {
         Roi::Binned => (true, [1440, 1080, 0, 0, 0, 0]),

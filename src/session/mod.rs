@@ -6,25 +6,28 @@
 //! | to target | hold, abort | move to the next pose, if the backlog has room | arrival |
 //! | at target | hold, abort | trigger, once the last frame is in | exposure done |
 //! | exposing | hold, abort | nothing | exposure done: the arm may go to the next pose while the frame comes |
+//! | (camera away) | hold, abort | the camera is connected again by its own conversation; the arm stays if an exposure is not known to be over, else goes on as far as it can | armed again: as before; given up: fault |
 //! | held | resume, abort | nothing but status questions | resume: hold off, servo on, the interrupted move anew |
 //! | ending | abort | hold (unless finished), servo off, goodbye to the camera | both confirmed or given up |
 
 mod arm;
+mod camera_events;
 mod devices;
 mod frames;
 mod identity;
 
 pub use arm::{Arm, ArmEvent, ArmSettings, JobSettings, Motion};
-pub use devices::exchange_settings;
+pub use devices::{camera_settings, exchange_settings};
 
-use crate::camera::{self, CameraEvent, CameraOutput, Capture, TriggerId, Trouble};
+use crate::camera::{self, CameraOutput, Capture, TriggerId};
 use crate::event::{Ending, Event, HoldBy};
 use crate::fault::{Fault, FaultCode};
 use crate::plan::PlannedView;
 use crate::robot::RobotOutput;
+use crate::seed::Seed;
 use crate::settings::{Recipe, Station, Target as StationTarget};
 use crate::stamp::{Stamp, earlier};
-use devices::{arm_settings, camera_settings, camera_times};
+use devices::{arm_settings, camera_times};
 use nalgebra::Isometry3;
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -76,6 +79,8 @@ pub struct Session {
     camera_done: bool,
     parking: bool,
     failures_in_a_row: u32,
+    /// Acquisitions that the camera did not carry through, one after the other.
+    camera_failures_in_a_row: u32,
     events: VecDeque<SessionEvent>,
 }
 
@@ -120,7 +125,7 @@ enum Hold {
 
 impl Session {
     /// The acquisition of `plan`, not begun.
-    pub fn new(recipe: &Recipe, station: &Station, plan: &[PlannedView]) -> Self {
+    pub fn new(recipe: &Recipe, station: &Station, plan: &[PlannedView], run_id: u64, seed: Seed) -> Self {
         let targets = (0..plan.len())
             .map(|view_index| Target { view_index, attempt: 0 })
             .collect();
@@ -129,7 +134,7 @@ impl Session {
                 arm_settings(station),
                 plan.iter().map(|view| view.base_from_tool).collect(),
             ),
-            camera: camera::Exchange::new(camera_times(station), camera_settings(recipe)),
+            camera: camera::Exchange::new(camera_times(station), run_id, seed, vec![camera_settings(recipe)]),
             wanted: Wanted {
                 simulated: !matches!(station.target, StationTarget::Cell { .. }),
                 optics: recipe.camera.optics.name(),
@@ -148,6 +153,7 @@ impl Session {
             camera_done: false,
             parking: false,
             failures_in_a_row: 0,
+            camera_failures_in_a_row: 0,
             events: VecDeque::new(),
         }
     }
@@ -392,39 +398,6 @@ impl Session {
         }
     }
 
-    fn handle_camera_event(&mut self, now: Stamp, event: CameraEvent) {
-        match event {
-            CameraEvent::Ready(opened) => self.handle_camera_ready(now, &opened),
-            CameraEvent::ExposureDone { trigger_id } => {
-                if let Stage::Exposing(standing) = self.stage {
-                    debug_assert_eq!(trigger_id.view_index() as usize, standing.target.view_index);
-                    self.targets.pop_front();
-                    self.awaited = Some(standing);
-                    self.stage = Stage::ToTarget;
-                    let Target { view_index, attempt } = standing.target;
-                    self.emit(Event::ExposureDone { view_index, attempt });
-                }
-            }
-            CameraEvent::Frame(capture) => self.handle_capture(now, capture),
-            CameraEvent::Failed { reason, retryable, .. } => self.handle_failure(now, reason, retryable),
-            CameraEvent::Status(status) => self.emit(Event::CameraCondition {
-                state: status.state as u8,
-                temperature_c: status.temperature_c,
-                missed_count: status.missed_count,
-            }),
-            CameraEvent::Note(text) => self.note(text),
-            CameraEvent::Lost(trouble) => {
-                self.camera_done = true;
-                if self.ending.is_none() {
-                    self.fault(now, camera_fault(trouble));
-                } else {
-                    self.note(format!("camera, while ending: {trouble:?}"));
-                }
-            }
-            CameraEvent::Left => self.camera_done = true,
-        }
-    }
-
     /// Lets both devices go. The first ending counts, but no fault is lost in a run that had only to be wound up.
     fn end(&mut self, now: Stamp, ending: Ending) {
         match (&self.ending, &ending) {
@@ -471,21 +444,7 @@ impl Session {
     }
 }
 
-fn camera_fault(trouble: Trouble) -> Fault {
-    match trouble {
-        Trouble::Unreachable(seen) => Fault::new(FaultCode::CameraUnreachable, seen),
-        Trouble::Closed(seen) => Fault::new(FaultCode::CameraLost, seen),
-        Trouble::Silent(seen) => Fault::new(FaultCode::CameraSilent, seen),
-        Trouble::Protocol(seen) => Fault::new(FaultCode::CameraProtocol, seen),
-        Trouble::Echo(seen) => Fault::new(FaultCode::CameraSettings, seen),
-        Trouble::Refused(error) => Fault::new(
-            FaultCode::CameraRefused,
-            format!("camera error {}: {}", error.code, error.text),
-        ),
-    }
-}
-
 /// Captured but unregistered views that stop the robot from going on: memory stays bounded.
 const BACKLOG_MAX: usize = 4;
-/// Views without a frame, one after the other, that end the run.
+/// Views without a frame, or failed acquisitions of the camera, one after the other, that end the run.
 const FAILURES_MAX: u32 = 3;

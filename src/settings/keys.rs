@@ -259,6 +259,8 @@ pub const STATION_KEYS: &[Key] = &[
     default("camera.frame_timeout_extra_ms", integer(0.0, 600_000.0, "ms"), "2000"),
     default("camera.ping_interval_ms", integer(1.0, 60_000.0, "ms"), "1000"),
     default("camera.dead_after_ms", integer(1.0, 600_000.0, "ms"), "5000"),
+    default("camera.reconnect_timeout_ms", integer(0.0, 3_600_000.0, "ms"), "60000"),
+    default("camera.device_timeout_ms", integer(0.0, 3_600_000.0, "ms"), "60000"),
     required("calibration.id", Kind::Text("any text that is not empty")),
     required(
         "calibration.base_from_camera.position_mm",

@@ -216,6 +216,10 @@ pub struct CameraLink {
     pub ping_interval_ns: u64,
     /// A connection silent for this long is dead, above the ping interval, up to 10 min.
     pub dead_after_ns: u64,
+    /// How long a lost connection is opened again, 0 to 1 h; 0: not at all.
+    pub reconnect_timeout_ns: u64,
+    /// How long a camera that is too hot or in use by another program is waited for, 0 to 1 h.
+    pub device_timeout_ns: u64,
 }
 
 impl Station {
@@ -386,6 +390,8 @@ fn camera_link(source: &Source, written: &CameraLinkFile) -> Result<CameraLink, 
         frame_timeout_extra_ns: written.frame_timeout_extra_ms * NS_PER_MS,
         ping_interval_ns: written.ping_interval_ms * NS_PER_MS,
         dead_after_ns: dead_after_ms * NS_PER_MS,
+        reconnect_timeout_ns: written.reconnect_timeout_ms * NS_PER_MS,
+        device_timeout_ns: written.device_timeout_ms * NS_PER_MS,
     })
 }
 

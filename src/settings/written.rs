@@ -180,6 +180,8 @@ pub(super) struct CameraLinkFile {
     pub(super) frame_timeout_extra_ms: u64,
     pub(super) ping_interval_ms: u64,
     pub(super) dead_after_ms: Spanned<u64>,
+    pub(super) reconnect_timeout_ms: u64,
+    pub(super) device_timeout_ms: u64,
 }
 
 #[derive(Deserialize)]

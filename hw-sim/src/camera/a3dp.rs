@@ -70,18 +70,65 @@ impl ProtocolError {
 impl RawFrame {
     /// Bytes of the frame.
     pub fn to_bytes(&self) -> Vec<u8> {
-        let mut bytes = Vec::with_capacity(HEADER_BYTES + self.payload.len());
+        let header = Header {
+            kind: self.kind,
+            request_id: self.request_id,
+            seq: self.seq,
+            flags: self.flags,
+        };
+        header.frame_bytes([&self.payload, &[]], None)
+    }
+}
+
+/// What a frame's header says beside length and check sums.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Header {
+    pub(super) kind: u16,
+    pub(super) request_id: u32,
+    pub(super) seq: u32,
+    pub(super) flags: u16,
+}
+
+/// What is wrong with the bytes of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Damage {
+    /// The payload does not agree with its CRC.
+    Payload,
+    /// The header does not agree with its CRC.
+    Header,
+    /// The header claims one byte more than a chunk may have.
+    Oversize,
+    /// Only half of the frame is there.
+    Cut,
+}
+
+impl Header {
+    /// Bytes of a frame whose payload stands in two pieces: the one copy that is made of them.
+    pub(super) fn frame_bytes(&self, payload: [&[u8]; 2], damage: Option<Damage>) -> Vec<u8> {
+        let payload_len = payload[0].len() + payload[1].len();
+        let stated_len = match damage {
+            Some(Damage::Oversize) => CHUNK_PAYLOAD_MAX + 1,
+            _ => payload_len as u32,
+        };
+        let mut payload_crc = crc32c::crc32c_append(crc32c::crc32c(payload[0]), payload[1]);
+        payload_crc ^= u32::from(damage == Some(Damage::Payload));
+        let mut bytes = Vec::with_capacity(HEADER_BYTES + payload_len);
         bytes.extend_from_slice(MAGIC);
         bytes.extend_from_slice(&[MAJOR, HEADER_BYTES as u8]);
         bytes.extend_from_slice(&self.kind.to_le_bytes());
-        bytes.extend_from_slice(&(self.payload.len() as u32).to_le_bytes());
+        bytes.extend_from_slice(&stated_len.to_le_bytes());
         bytes.extend_from_slice(&self.request_id.to_le_bytes());
         bytes.extend_from_slice(&self.seq.to_le_bytes());
         bytes.extend_from_slice(&self.flags.to_le_bytes());
         bytes.extend_from_slice(&[0, 0]);
-        bytes.extend_from_slice(&crc32c::crc32c(&self.payload).to_le_bytes());
-        bytes.extend_from_slice(&crc32c::crc32c(&bytes).to_le_bytes());
-        bytes.extend_from_slice(&self.payload);
+        bytes.extend_from_slice(&payload_crc.to_le_bytes());
+        let header_crc = crc32c::crc32c(&bytes) ^ u32::from(damage == Some(Damage::Header));
+        bytes.extend_from_slice(&header_crc.to_le_bytes());
+        bytes.extend_from_slice(payload[0]);
+        bytes.extend_from_slice(payload[1]);
+        if damage == Some(Damage::Cut) {
+            bytes.truncate(bytes.len() / 2);
+        }
         bytes
     }
 }
@@ -196,7 +243,8 @@ pub const CHUNK_PAYLOAD_MAX: u32 = 1_048_576;
 const MAGIC: &[u8; 4] = b"A3DP";
 const MAJOR: u8 = 1;
 const HEADER_BYTES: usize = 32;
-const KIND_FRAME_CHUNK: u16 = 0x0031;
+/// Type of FRAME_CHUNK.
+pub(super) const KIND_FRAME_CHUNK: u16 = 0x0031;
 
 #[cfg(test)]
 mod tests {

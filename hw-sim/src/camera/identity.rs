@@ -4,13 +4,14 @@ use crate::camera::a3dp::{CHUNK_PAYLOAD_MAX, CONTROL_PAYLOAD_MAX};
 use crate::camera::fields::{Str8, Zero};
 use crate::camera::message::{Caps, HelloOk};
 use crate::camera::optics::Optics;
+use crate::camera::settings::{KIND_CONFIDENCE, KIND_INTENSITY, KIND_MASK, KIND_XYZ};
 
 /// Greeting.
-pub(super) fn hello_ok(session_id: u32, boot_id: u64) -> HelloOk {
+pub(super) fn hello_ok(role: u8, session_id: u32, boot_id: u64) -> HelloOk {
     let text = |text: &str| Str8(text.to_owned());
     HelloOk {
         version: VERSION,
-        role: ROLE_CONTROLLER,
+        role,
         simulated: 1,
         session_id,
         boot_id,
@@ -53,7 +54,7 @@ pub(super) fn caps(optics: &Optics) -> Caps {
         camera_1_mm: [0.0; 3],
         camera_2_mm: centre(optics.camera_2_mm),
         projector_mm: centre(optics.projector_mm),
-        components: 0b10101,
+        components: 1 << KIND_XYZ | 1 << KIND_INTENSITY | 1 << KIND_CONFIDENCE | 1 << KIND_MASK,
         outlier_filters: 0b1111,
         compressions: 0b1111,
         working_volumes: 0b11,
@@ -63,12 +64,15 @@ pub(super) fn caps(optics: &Optics) -> Caps {
 
 /// Calibration that the simulated camera claims.
 pub(super) const CALIBRATION_ID: u64 = 4242;
-/// Projector, camera 1, camera 2, board.
-pub(super) const TEMPERATURE_C: [f32; 4] = [35.5, 30.0, 30.25, f32::NAN];
 /// Rate at which chunks leave.
 pub(super) const LINK_MBIT_S: u32 = 1000;
+/// A device is there, nothing is armed.
 pub(super) const STATE_IDLE: u8 = 1;
-
+/// A trigger is taken.
+pub(super) const STATE_ARMED: u8 = 2;
+/// The one version that is spoken.
 pub(super) const VERSION: [u8; 2] = [1, 0];
+/// Role that may say everything.
 pub(super) const ROLE_CONTROLLER: u8 = 1;
-pub(super) const WARM_UP_S: u32 = 2400;
+/// Role that only listens.
+pub(super) const ROLE_OBSERVER: u8 = 2;

@@ -31,6 +31,7 @@ pub enum Message {
     FrameEnd(FrameEnd),
     /// Trigger id.
     Fetch(u64),
+    FetchOk(FetchOk),
     /// Trigger id, or [`NO_TRIGGER`] for all.
     Abort(u64),
     Aborted(Aborted),
@@ -116,6 +117,7 @@ message_table! {
     0x0031 => FrameChunk(payload),
     0x0032 => FrameEnd(payload),
     0x0033 => Fetch(payload),
+    0x0034 => FetchOk(payload),
     0x0040 => Abort(payload),
     0x0041 => Aborted(payload),
     0x0050 => GetStatus,
@@ -135,7 +137,7 @@ mod tests {
     #[test]
     fn every_message_of_the_page_is_read_and_written_byte_for_byte() {
         let vectors = all(CAMERA_PAGE);
-        assert_eq!(vectors.len(), 27);
+        assert_eq!(vectors.len(), 29);
         for (name, bytes) in vectors {
             let kind = u16::from_le_bytes([bytes[6], bytes[7]]);
             let message = Message::read(kind, &bytes[32..]).unwrap();

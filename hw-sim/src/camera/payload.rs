@@ -284,8 +284,8 @@ pub struct FrameBegin {
 }
 
 wire_struct! {
-    /// Piece of a component.
-    pub struct FrameChunk {
+    /// Piece of a component, before its data.
+    pub struct ChunkHead {
         /// Frame it belongs to.
         pub frame_id: u64,
         /// Index into the table.
@@ -296,6 +296,14 @@ wire_struct! {
         pub chunk_index: u32,
         /// Bytes of the component before it.
         pub offset_bytes: u64,
+    }
+}
+
+wire_struct! {
+    /// Piece of a component.
+    pub struct FrameChunk {
+        /// Where it belongs.
+        pub head: ChunkHead,
         /// At least 1 byte.
         pub data: Rest,
     }
@@ -340,6 +348,20 @@ pub struct FrameEnd {
     pub tail: FrameTail,
     /// Components as in the table of FRAME_BEGIN.
     pub components: Vec<ComponentSum>,
+}
+
+wire_struct! {
+    /// Answers a FETCH.
+    pub struct FetchOk {
+        /// Trigger asked for.
+        pub trigger_id: u64,
+        /// 1 in flight, 2 stored.
+        pub state: u8,
+        /// 0.
+        pub reserved: Zero<3>,
+        /// Predicted time to FRAME_BEGIN, real µs; 0 when stored.
+        pub remaining_us: u32,
+    }
 }
 
 wire_struct! {
@@ -443,7 +465,7 @@ wire_struct! {
 wire_struct! {
     /// Ends the connection.
     pub struct Bye {
-        /// 1 done, 2 shutting down, 3 protocol error, 4 time-out, 5 refused.
+        /// 1 done, 2 shutting down, 3 protocol error, 4 time-out, 5 refused, 6 replaced.
         pub reason: u16,
         /// For people.
         pub text: Str8,

@@ -293,6 +293,8 @@ impl<'a> Records<'a> {
 pub const KIND_XYZ: u16 = 0;
 /// Component kind of brightness.
 pub const KIND_INTENSITY: u16 = 2;
+/// Component kind of scores.
+pub const KIND_CONFIDENCE: u16 = 3;
 /// Component kind of validity.
 pub const KIND_MASK: u16 = 4;
 

@@ -86,7 +86,8 @@ impl Flight {
             Stage::Reconstructing => 0,
         };
         [exposure_us, self.in_force.predicted_total_us]
-            .map(|predicted_us| (u64::from(predicted_us) + paused_us).saturating_sub(gone_us) as u32)
+            .map(|predicted_us| (u64::from(predicted_us) + paused_us).saturating_sub(gone_us))
+            .map(|remaining_us| u32::try_from(remaining_us).unwrap_or(u32::MAX))
     }
 
     /// When the vendor's side is late, shortly before the client would say so. A frame's conversion has no limit of its
@@ -158,6 +159,8 @@ impl Bridge {
 
     /// A frame has been converted, or could not be.
     pub fn handle_picture(&mut self, now: Stamp, acquisition: u32, picture: Result<Picture, FrameError>) {
+        // A busy shell may bring the picture before it wakes us for the deadline.
+        self.watch_deadline(now);
         let Some(flight) = self.flight.take_if(|flight| flight.acquisition == acquisition) else {
             return;
         };
@@ -275,21 +278,28 @@ impl Bridge {
     }
 
     pub(super) fn watch_flight(&mut self, now: Stamp) {
-        let Some(flight) = &self.flight else { return };
-        let acquisition = flight.acquisition;
-        if flight.deadline().is_some_and(|deadline| deadline <= now) {
-            self.fail_flight(code::DEADLINE_PASSED, 0, 0, "the frame was not there by its deadline");
-        } else if flight.limit() <= now {
-            let (code, text) = match flight.stage {
-                Stage::Exposing => (code::EXPOSURE_TIMEOUT, "the vendor's side did not expose in time"),
-                Stage::Reconstructing => (code::RECONSTRUCTION_TIMEOUT, "the vendor's side gave no frame in time"),
-            };
-            self.counts.vendor_timeouts += 1;
-            self.fail_flight(code, 0, 0, text);
-        } else {
+        self.watch_deadline(now);
+        let Some(flight) = self.flight.as_ref().filter(|flight| flight.limit() <= now) else {
             return;
-        }
+        };
+        let acquisition = flight.acquisition;
+        let (code, text) = match flight.stage {
+            Stage::Exposing => (code::EXPOSURE_TIMEOUT, "the vendor's side did not expose in time"),
+            Stage::Reconstructing => (code::RECONSTRUCTION_TIMEOUT, "the vendor's side gave no frame in time"),
+        };
+        self.counts.vendor_timeouts += 1;
+        self.fail_flight(code, 0, 0, text);
         self.ask_vendor(&Ask::Abort { acquisition });
+    }
+
+    /// Ends what is no longer wanted.
+    fn watch_deadline(&mut self, now: Stamp) {
+        let is_over = |flight: &&Flight| flight.deadline().is_some_and(|deadline| deadline <= now);
+        if let Some(flight) = self.flight.as_ref().filter(is_over) {
+            let acquisition = flight.acquisition;
+            self.fail_flight(code::DEADLINE_PASSED, 0, 0, "the frame was not there by its deadline");
+            self.ask_vendor(&Ask::Abort { acquisition });
+        }
     }
 
     fn tell(&mut self, listener: Option<ConnectionId>, message: &ServerMessage<'_>) {

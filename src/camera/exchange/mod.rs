@@ -1,62 +1,99 @@
 //! The conversation with the camera bridge, as a value: bytes and time in, bytes and events out.
 //!
-//! Greeting, capabilities, settings (with the echo compared) and arming follow each other; then one trigger at a time.
-//! A frame is handed out only when every byte of it has been checked.
+//! Greeting, capabilities, settings (with the echo compared) and arming follow each other; then one acquisition at a time.
+//! A frame is handed out only when every byte of it has been checked. The conversation outlives its connections:
+//!
+//! | what happens | what follows |
+//! |---|---|
+//! | the connection ends, falls silent or breaks the protocol | it is opened again, later each time, for `reconnect_timeout_ms`; the frame of an open acquisition is fetched, so that nothing is exposed twice |
+//! | the bridge was started anew meanwhile (another `boot_id`) | the open acquisition is lost; settings and arming anew |
+//! | an acquisition takes longer than predicted | ABORT, DISARM, CONFIGURE, ARM; without a reply, a new connection |
+//! | the device is gone, starts anew, is too hot or in use | it is waited for, with a bound, then CONFIGURE and ARM |
+//! | another camera answers, another echo, a refusal that waiting does not mend | the camera is given up |
 
+mod clock;
+mod flight;
 mod hear;
+mod link;
+mod offered;
 mod report;
 #[cfg(test)]
 mod tests;
+mod trouble;
 
+pub use clock::ClockEstimate;
 pub use report::{CameraEvent, CameraOutput, ExchangeSettings, Opened, Trouble};
 
-use crate::camera::capture::Assembly;
 use crate::camera::message::{
-    AcquisitionPhase, Arm, Bye, CameraError, Caps, ClientMessage, ComponentKind, Configured, Greeting, Hello,
-    TRIGGER_ALL, Trigger, TriggerId,
+    Arm, Bye, Caps, ClientMessage, ComponentKind, Configured, Greeting, Hello, TRIGGER_ALL, Trigger, TriggerId,
 };
 use crate::camera::settings::CameraSettings;
-use crate::camera::wire::{FLAG_ERROR, FrameReader, FrameWriter};
+use crate::seed::{Seed, Stream};
 use crate::stamp::{Stamp, earlier};
+use clock::Clock;
+use flight::Flight;
+use link::Link;
+use rand_chacha::ChaCha8Rng;
 use std::collections::VecDeque;
+use trouble::{Outage, Patience};
 
 /// The conversation.
 #[derive(Debug)]
 pub struct Exchange {
     times: ExchangeSettings,
+    run_id: u64,
+    /// For the pauses between attempts to connect.
+    chance: ChaCha8Rng,
+    /// Every setting that the run will ask for, checked against the capabilities in the opening.
+    planned: Vec<CameraSettings>,
     wanted: CameraSettings,
+    /// What the last CONFIGURE asked for.
+    asked: CameraSettings,
     stage: Stage,
-    reader: FrameReader,
-    writer: FrameWriter,
-    next_request_id: u32,
-    last_heard: Stamp,
-    ping_due: Stamp,
+    link: Link,
+    /// The open acquisition, whatever becomes of the connection.
+    flight: Option<Flight>,
+    /// Connections that ended during an acquisition since the last whole frame.
+    broken_transfers: u32,
+    outage: Option<Outage>,
+    patience: Option<Patience>,
+    /// Attempts to bring a server that is in an unexpected state back, since it was last armed.
+    remedies: u32,
     greeting: Option<Greeting>,
     caps: Option<Caps>,
-    configured: Option<Configured>,
+    /// What is in force, as far as it can be relied on.
+    in_force: Option<Configured>,
+    armed: bool,
+    armed_since: Stamp,
+    /// Whether [`CameraEvent::Ready`] has been said.
+    presented: bool,
+    clock: Clock,
     outbox: VecDeque<CameraOutput>,
     events: VecDeque<CameraEvent>,
 }
 
-#[derive(Debug)]
+/// Where the connection stands.
+#[derive(Debug, Clone, Copy)]
 enum Stage {
     Apart,
     Connecting {
         due: Stamp,
     },
-    /// A request of the opening is out.
-    Opening {
-        request: Opening,
+    /// A request is out whose reply decides what comes next.
+    Asking {
+        request: Request,
         request_id: u32,
         due: Stamp,
     },
-    Armed,
-    InFlight(Flight),
-    Aborting {
-        trigger_id: TriggerId,
-        reason: String,
-        retryable: bool,
-        due: Stamp,
+    /// The device cannot be used; CONFIGURE is said again at this time.
+    Waiting {
+        again: Stamp,
+    },
+    /// Armed, or an acquisition is open.
+    Standing,
+    /// Without a connection until then.
+    Away {
+        again: Stamp,
     },
     Leaving {
         due: Stamp,
@@ -65,45 +102,42 @@ enum Stage {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Opening {
+enum Request {
     Hello,
     Caps,
+    Fetch,
+    Abort,
+    Disarm,
     Configure,
     Arm,
 }
 
-#[derive(Debug)]
-struct Flight {
-    trigger_id: TriggerId,
-    request_id: u32,
-    phase: Phase,
-    due: Stamp,
-    frame_due: Stamp,
-    assembly: Option<Box<Assembly>>,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Phase {
-    Acknowledge,
-    Exposure,
-    Frame,
-}
-
 impl Exchange {
-    /// A conversation that has not begun, about these settings.
-    pub fn new(times: ExchangeSettings, wanted: CameraSettings) -> Self {
+    /// A conversation that has not begun, in the run of this id. `planned` are all settings that will be wanted, at least
+    /// one; the first are asked for first.
+    pub fn new(times: ExchangeSettings, run_id: u64, seed: Seed, planned: Vec<CameraSettings>) -> Self {
+        let wanted = *planned.first().expect("a run wants at least one setting of the camera");
         Self {
             times,
+            run_id,
+            chance: seed.stream(Stream::Reconnecting),
+            planned,
             wanted,
+            asked: wanted,
             stage: Stage::Apart,
-            reader: FrameReader::default(),
-            writer: FrameWriter::default(),
-            next_request_id: 1,
-            last_heard: Stamp::START,
-            ping_due: Stamp::START,
+            link: Link::default(),
+            flight: None,
+            broken_transfers: 0,
+            outage: None,
+            patience: None,
+            remedies: 0,
             greeting: None,
             caps: None,
-            configured: None,
+            in_force: None,
+            armed: false,
+            armed_since: Stamp::START,
+            presented: false,
+            clock: Clock::default(),
             outbox: VecDeque::new(),
             events: VecDeque::new(),
         }
@@ -111,72 +145,77 @@ impl Exchange {
 
     /// Opens the conversation.
     pub fn open(&mut self, now: Stamp) {
-        self.stage = Stage::Connecting {
-            due: now.plus_ms(self.times.connect_timeout_ms),
-        };
-        self.outbox.push_back(CameraOutput::Connect);
+        self.connect(now);
+    }
+
+    /// These settings are wanted from now on. They are brought into force as soon as no acquisition is open.
+    pub fn want(&mut self, now: Stamp, wanted: CameraSettings) {
+        self.wanted = wanted;
+        if matches!(self.stage, Stage::Standing) && self.flight.is_none() && !self.is_armed() {
+            self.go_on(now);
+        }
     }
 
     /// Starts one acquisition. Only when [`Self::is_armed`].
     pub fn trigger(&mut self, now: Stamp, trigger_id: TriggerId) {
-        let config_id = self.configured.as_ref().map_or(0, |configured| configured.config_id);
-        let request_id = self.say_act(ClientMessage::Trigger(Trigger {
+        let Some(in_force) = self.in_force else {
+            return self.note(format!("trigger {:#x} without settings in force", trigger_id.0));
+        };
+        let request_id = self.say_act(&ClientMessage::Trigger(Trigger {
             trigger_id,
             view_id: trigger_id.view_index(),
-            config_id,
+            config_id: in_force.config_id,
             deadline_ms: 0,
             tag: format!("view {} attempt {}", trigger_id.view_index(), trigger_id.attempt()),
         }));
-        let due = now.plus_ms(TRIGGER_OK_MS);
-        self.stage = Stage::InFlight(Flight {
-            trigger_id,
-            request_id,
-            phase: Phase::Acknowledge,
-            due,
-            frame_due: due,
-            assembly: None,
-        });
+        self.flight = Some(Flight::begin(now, trigger_id, request_id, &in_force));
     }
 
-    /// Says goodbye (aborting what is in flight) and closes. Does nothing when the connection is over already.
+    /// Says goodbye (aborting what is in flight) and closes. Does nothing when the conversation is over already.
     pub fn leave(&mut self, now: Stamp) {
-        match &self.stage {
+        match self.stage {
             Stage::Apart | Stage::Over | Stage::Leaving { .. } => return,
-            Stage::Connecting { .. } => {
-                self.outbox.push_back(CameraOutput::Close);
+            Stage::Connecting { .. } | Stage::Away { .. } => {
+                if matches!(self.stage, Stage::Connecting { .. }) {
+                    self.outbox.push_back(CameraOutput::Close);
+                }
                 self.stage = Stage::Over;
                 self.events.push_back(CameraEvent::Left);
                 return;
             }
-            Stage::Opening { .. } => {}
-            Stage::InFlight(_) | Stage::Aborting { .. } => {
-                self.say(ClientMessage::Abort {
-                    trigger_id: TRIGGER_ALL,
-                });
-                self.say(ClientMessage::Disarm);
-            }
-            Stage::Armed => {
-                self.say(ClientMessage::Disarm);
-            }
+            Stage::Asking { .. } | Stage::Waiting { .. } | Stage::Standing => {}
         }
-        self.say(ClientMessage::Bye(Bye {
-            reason: 1,
-            text: "done".into(),
-        }));
+        if self.flight.take().is_some() {
+            self.say(&ClientMessage::Abort {
+                trigger_id: TRIGGER_ALL,
+            });
+        }
+        if self.armed {
+            self.say(&ClientMessage::Disarm);
+        }
+        self.say_goodbye(Bye::DONE, "done");
         self.outbox.push_back(CameraOutput::Close);
         self.stage = Stage::Leaving {
             due: now.plus_ms(LEAVE_MS),
         };
     }
 
-    /// Whether a trigger would be taken now.
+    /// Whether a trigger would be taken now, with the settings that are wanted.
     pub fn is_armed(&self) -> bool {
-        matches!(self.stage, Stage::Armed)
+        matches!(self.stage, Stage::Standing)
+            && self.flight.is_none()
+            && self.armed
+            && self.in_force.is_some_and(|in_force| in_force.settings == self.wanted)
     }
 
-    /// Whether the connection is over.
+    /// Whether the conversation is over.
     pub fn is_over(&self) -> bool {
         matches!(self.stage, Stage::Apart | Stage::Over)
+    }
+
+    /// How the device's clock stands to the run's; `None` before the first answer.
+    pub fn clock(&self) -> Option<ClockEstimate> {
+        self.clock.estimate()
     }
 
     /// The TCP connection stands.
@@ -184,90 +223,79 @@ impl Exchange {
         if !matches!(self.stage, Stage::Connecting { .. }) {
             return;
         }
-        self.last_heard = now;
-        self.ping_due = now.plus_ms(self.times.ping_interval_ms);
-        self.request(now, Opening::Hello);
+        self.link = Link::begun(now, self.times.ping_interval_ms);
+        self.ask(now, Request::Hello);
     }
 
     /// The TCP connection did not come about, or has ended.
-    pub fn handle_closed(&mut self, _now: Stamp, reason: &str) {
+    pub fn handle_closed(&mut self, now: Stamp, reason: &str) {
         match self.stage {
-            Stage::Apart | Stage::Over => {}
+            Stage::Apart | Stage::Over | Stage::Away { .. } => {}
             Stage::Leaving { .. } => {
                 self.stage = Stage::Over;
                 self.events.push_back(CameraEvent::Left);
             }
-            Stage::Connecting { .. } => self.break_off(Trouble::Unreachable(reason.to_owned())),
-            _ => self.lose(Trouble::Closed(reason.to_owned())),
+            Stage::Connecting { .. } => self.break_off(now, Trouble::Unreachable(reason.to_owned())),
+            Stage::Asking { .. } | Stage::Waiting { .. } | Stage::Standing => {
+                self.break_off(now, Trouble::Closed(reason.to_owned()));
+            }
         }
     }
 
     /// Bytes have come.
     pub fn handle_bytes(&mut self, now: Stamp, bytes: &[u8]) {
-        if matches!(self.stage, Stage::Apart | Stage::Over) {
+        // What was on its way when we said goodbye changes nothing.
+        if !self.is_connected() {
             return;
         }
-        self.last_heard = now;
-        let mut reader = std::mem::take(&mut self.reader);
+        self.link.last_heard = now;
+        let mut reader = std::mem::take(&mut self.link.reader);
         reader.push(bytes);
-        while !matches!(self.stage, Stage::Over) {
+        while self.is_connected() {
             match reader.next_frame() {
-                Ok(None) => break,
+                Ok(None) => {
+                    self.link.reader = reader;
+                    return;
+                }
                 Ok(Some(frame)) => self.handle_frame(now, &frame),
-                Err(error) => self.accuse(error.code(), error.to_string()),
+                Err(error) => self.accuse(now, error.code(), error.to_string()),
             }
         }
-        self.reader = reader;
     }
 
     /// Time has passed.
     pub fn handle_wake(&mut self, now: Stamp) {
-        match &self.stage {
-            Stage::Apart | Stage::Over => return,
-            Stage::Connecting { due } if *due <= now => {
+        match self.stage {
+            Stage::Connecting { due } if due <= now => {
                 let seconds = self.times.connect_timeout_ms as f64 * 1e-3;
-                return self.break_off(Trouble::Unreachable(format!("no connection within {seconds} s")));
+                self.break_off(now, Trouble::Unreachable(format!("no connection within {seconds} s")));
             }
-            Stage::Opening { request, due, .. } if *due <= now => {
+            Stage::Asking { request, due, .. } if due <= now => {
                 let reason = format!("no reply to {request:?} within {} ms", self.times.reply_timeout_ms);
-                return self.break_off(Trouble::Silent(reason));
+                self.break_off(now, Trouble::Silent(reason));
             }
-            Stage::InFlight(flight) if flight.due <= now => {
-                let (trigger_id, reason) = (flight.trigger_id, flight.phase.late());
-                self.abort(now, trigger_id, reason.to_owned(), true);
-            }
-            Stage::Aborting { due, .. } if *due <= now => {
-                return self.break_off(Trouble::Silent("no reply to ABORT".into()));
-            }
-            Stage::Leaving { due } if *due <= now => {
+            Stage::Away { again } if again <= now => self.connect(now),
+            Stage::Waiting { again } if again <= now => self.try_device_again(now),
+            Stage::Standing => self.handle_late_flight(now),
+            Stage::Leaving { due } if due <= now => {
                 self.stage = Stage::Over;
                 self.events.push_back(CameraEvent::Left);
-                return;
             }
             _ => {}
         }
-        if matches!(self.stage, Stage::Connecting { .. } | Stage::Leaving { .. }) {
-            return;
-        }
-        if now >= self.last_heard.plus_ms(self.times.dead_after_ms) {
-            let reason = format!("nothing heard for {} ms", self.times.dead_after_ms);
-            return self.break_off(Trouble::Silent(reason));
-        }
-        if now >= self.ping_due {
-            self.say(ClientMessage::Ping { sender_ns: now.ns });
-            self.ping_due = now.plus_ms(self.times.ping_interval_ms);
+        if self.is_connected() {
+            self.watch_connection(now);
         }
     }
 
     /// When [`Self::handle_wake`] wants to be called next.
     pub fn wake_at(&self) -> Option<Stamp> {
-        let alive = Some(self.ping_due.min(self.last_heard.plus_ms(self.times.dead_after_ms)));
-        match &self.stage {
+        let alive = self.link.wake_at(self.times.dead_after_ms);
+        match self.stage {
             Stage::Apart | Stage::Over => None,
-            Stage::Connecting { due } | Stage::Leaving { due } => Some(*due),
-            Stage::Opening { due, .. } | Stage::Aborting { due, .. } => earlier(Some(*due), alive),
-            Stage::InFlight(flight) => earlier(Some(flight.due), alive),
-            Stage::Armed => alive,
+            Stage::Connecting { due } | Stage::Leaving { due } | Stage::Away { again: due } => Some(due),
+            Stage::Asking { due, .. } | Stage::Waiting { again: due } => Some(due.min(alive)),
+            Stage::Standing => earlier(self.flight.as_ref().map(Flight::due), Some(alive)),
         }
     }
 
@@ -283,121 +311,103 @@ impl Exchange {
         self.events.pop_front()
     }
 
-    fn abort(&mut self, now: Stamp, trigger_id: TriggerId, reason: String, retryable: bool) {
-        self.say(ClientMessage::Abort {
-            trigger_id: TRIGGER_ALL,
-        });
-        self.stage = Stage::Aborting {
-            trigger_id,
-            reason,
-            retryable,
-            due: now.plus_ms(self.times.reply_timeout_ms),
+    fn connect(&mut self, now: Stamp) {
+        self.stage = Stage::Connecting {
+            due: now.plus_ms(self.times.connect_timeout_ms),
         };
+        self.outbox.push_back(CameraOutput::Connect);
     }
 
-    fn opening(&self, wanted: Opening, reply_to: u32) -> bool {
-        matches!(self.stage, Stage::Opening { request, request_id, .. } if request == wanted && request_id == reply_to)
+    /// Takes the next step towards being armed with the wanted settings, unless an acquisition is open.
+    fn go_on(&mut self, now: Stamp) {
+        if self.flight.is_some() {
+            self.stage = Stage::Standing;
+            return;
+        }
+        if self.patience.as_ref().is_some_and(Patience::is_for_device) {
+            return self.wait(now);
+        }
+        let wanted = self.wanted;
+        match self.in_force {
+            Some(in_force) if in_force.settings == wanted && self.armed => self.stand(),
+            Some(in_force) if in_force.settings == wanted => self.ask(now, Request::Arm),
+            _ if self.armed => self.ask(now, Request::Disarm),
+            _ => self.ask(now, Request::Configure),
+        }
     }
 
-    fn request(&mut self, now: Stamp, request: Opening) {
-        let config_id = self.configured.map_or(0, |configured| configured.config_id);
-        let request_id = self.say(match request {
-            Opening::Hello => ClientMessage::Hello(Hello::controller(RUN_ID, "bladescan")),
-            Opening::Caps => ClientMessage::GetCaps,
-            Opening::Configure => ClientMessage::Configure(self.wanted),
-            Opening::Arm => ClientMessage::Arm(Arm {
+    /// Armed with the wanted settings.
+    fn stand(&mut self) {
+        self.stage = Stage::Standing;
+        self.remedies = 0;
+        let waited = self.patience.take().is_some();
+        if self.presented {
+            if waited {
+                self.events.push_back(CameraEvent::Rearmed);
+            }
+            return;
+        }
+        self.presented = true;
+        let missing = "the opening went through every stage";
+        self.events.push_back(CameraEvent::Ready(Box::new(Opened {
+            greeting: self.greeting.clone().expect(missing),
+            caps: self.caps.clone().expect(missing),
+            configured: self.in_force.expect(missing),
+        })));
+    }
+
+    fn ask(&mut self, now: Stamp, request: Request) {
+        let config_id = self.in_force.map_or(0, |in_force| in_force.config_id);
+        if request == Request::Configure {
+            self.asked = self.wanted;
+        }
+        let request_id = self.say(&match request {
+            Request::Hello => ClientMessage::Hello(Hello::controller(self.run_id, "bladescan")),
+            Request::Caps => ClientMessage::GetCaps,
+            Request::Fetch => {
+                let flight = self
+                    .flight
+                    .as_ref()
+                    .expect("only the frame of an open acquisition is fetched");
+                ClientMessage::Fetch {
+                    trigger_id: flight.trigger_id(),
+                }
+            }
+            Request::Abort => ClientMessage::Abort {
+                trigger_id: TRIGGER_ALL,
+            },
+            Request::Disarm => ClientMessage::Disarm,
+            Request::Configure => ClientMessage::Configure(self.asked),
+            Request::Arm => ClientMessage::Arm(Arm {
                 mode: Arm::SOFTWARE,
                 config_id,
             }),
         });
-        self.stage = Stage::Opening {
+        self.stage = Stage::Asking {
             request,
             request_id,
             due: now.plus_ms(self.times.reply_timeout_ms),
         };
     }
 
-    /// The other side broke the protocol: say so, leave, and believe nothing more.
-    fn accuse(&mut self, code: u16, text: String) {
-        self.send(
-            &ClientMessage::Error(CameraError {
-                about_request_id: 0,
-                trigger_id: TRIGGER_ALL,
-                code,
-                phase: AcquisitionPhase::None,
-                retryable: false,
-                retry_after_ms: 0,
-                vendor_code: 0,
-                text: text.clone(),
-            }),
-            0,
-            FLAG_ERROR,
-            false,
-        );
-        self.say(ClientMessage::Bye(Bye {
-            reason: 3,
-            text: text.clone(),
-        }));
-        self.break_off(Trouble::Protocol(text));
+    fn is_asking(&self, wanted: Request, reply_to: u32) -> bool {
+        matches!(self.stage, Stage::Asking { request, request_id, .. } if request == wanted && request_id == reply_to)
     }
 
-    /// Closes the connection, which is of no use any more.
-    fn break_off(&mut self, trouble: Trouble) {
-        self.outbox.push_back(CameraOutput::Close);
-        self.lose(trouble);
-    }
-
-    /// The connection is over.
-    fn lose(&mut self, trouble: Trouble) {
-        self.stage = Stage::Over;
-        self.events.push_back(CameraEvent::Lost(trouble));
+    /// Whether messages of the server still count.
+    fn is_connected(&self) -> bool {
+        matches!(
+            self.stage,
+            Stage::Asking { .. } | Stage::Waiting { .. } | Stage::Standing
+        )
     }
 
     fn note(&mut self, text: String) {
         self.events.push_back(CameraEvent::Note(text));
     }
-
-    fn say(&mut self, message: ClientMessage) -> u32 {
-        let request_id = self.take_request_id();
-        self.send(&message, request_id, 0, false);
-        request_id
-    }
-
-    fn say_act(&mut self, message: ClientMessage) -> u32 {
-        let request_id = self.take_request_id();
-        self.send(&message, request_id, 0, true);
-        request_id
-    }
-
-    fn take_request_id(&mut self) -> u32 {
-        let request_id = self.next_request_id;
-        self.next_request_id = self.next_request_id.checked_add(1).unwrap_or(1);
-        request_id
-    }
-
-    fn send(&mut self, message: &ClientMessage, request_id: u32, flags: u16, act: bool) {
-        let append = |payload: &mut Vec<u8>| message.encode(payload);
-        let bytes = self.writer.write_with(message.kind(), request_id, flags, append);
-        self.outbox.push_back(CameraOutput::Bytes { bytes, act });
-    }
 }
 
-impl Phase {
-    fn late(self) -> &'static str {
-        match self {
-            Self::Acknowledge => "the trigger was not acknowledged in time",
-            Self::Exposure => "the exposure did not end in time",
-            Self::Frame => "the frame did not come in time",
-        }
-    }
-}
-
-const TRIGGER_OK_MS: u64 = 500;
-const EXPOSURE_EXTRA_MS: u64 = 1000;
-const TRANSFER_BYTES_PER_MS: u64 = 20_000;
 const LEAVE_MS: u64 = 1000;
-/// Each connection is a run of its own as long as none is opened again.
-const RUN_ID: u64 = 1;
 
 /// The components every configuration asks for.
 pub const COMPONENTS_WANTED: u32 = ComponentKind::WANTED;

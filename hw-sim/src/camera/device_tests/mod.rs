@@ -1,79 +1,120 @@
 mod faults;
+mod phases;
+mod runs;
 mod session;
+mod states;
 
 use super::*;
-use crate::camera::fields::{Field, Rest};
-use crate::camera::message::{Aborted, HelloOk, NO_TRIGGER, TriggerOk};
-use crate::test_client::{Client, arm, configure, hello, small_settings, trigger};
+use crate::camera::fields::{Field, Rest, Zero};
+use crate::camera::message::{
+    Aborted, Arm, Event, FetchOk, Hello, HelloOk, NO_TRIGGER, Pong, StateNow, Status, TriggerOk,
+};
+use crate::test_client::{Client, arm, configure, hello, hello_as, small_settings, trigger};
 use crate::vectors::{CAMERA_PAGE, vector};
 
 const MS_NS: u64 = 1_000_000;
+const S_NS: u64 = 1_000_000_000;
 const CLIENT: u64 = 1;
 
-/// A camera, one client, and virtual time.
+/// A camera, its clients, and virtual time.
 struct Bench {
     device: Device,
-    client: Client,
+    clients: BTreeMap<u64, Client>,
+    /// Connection that asks.
+    on: u64,
     now_ns: u64,
     jobs: Vec<u64>,
     exposed: Vec<u64>,
     closed: Vec<u64>,
+    /// What came on the other connections.
+    elsewhere: Vec<(u64, Message)>,
+    /// Codes of what was wrong with the stream of a connection.
+    broken: Vec<(u64, u16)>,
 }
 
 impl Bench {
     fn new(faults: &[&str]) -> Self {
-        let mut device = Device::new(DeviceSettings {
-            optics: Optics::fine(),
-            speed: 1.0,
-            boot_id: 9,
-            faults: faults.iter().map(|fault| fault.parse().unwrap()).collect(),
-        });
-        device.handle_connected(0, CLIENT);
-        Self {
-            device,
-            client: Client::default(),
+        let mut bench = Self {
+            device: Device::new(DeviceSettings {
+                optics: Optics::fine(),
+                speed: 1.0,
+                boot_id: 9,
+                faults: faults.iter().map(|fault| fault.parse().unwrap()).collect(),
+            }),
+            clients: BTreeMap::new(),
+            on: 0,
             now_ns: 0,
             jobs: Vec::new(),
             exposed: Vec::new(),
             closed: Vec::new(),
-        }
+            elsewhere: Vec::new(),
+            broken: Vec::new(),
+        };
+        bench.connect();
+        bench
     }
 
     fn armed(faults: &[&str]) -> Self {
         let mut bench = Self::new(faults);
+        bench.greet();
         bench.arm();
         bench
     }
 
-    fn arm(&mut self) {
-        assert!(matches!(self.ask(&hello()), Message::HelloOk(_)));
-        assert!(matches!(
-            self.ask(&configure(&small_settings())),
-            Message::Configured(_)
-        ));
-        assert_eq!(self.ask(&arm(1)), Message::Armed(state_now(2)));
+    /// A new connection, which asks from now on.
+    fn connect(&mut self) -> u64 {
+        self.on += 1;
+        while self.clients.contains_key(&self.on) {
+            self.on += 1;
+        }
+        self.clients.insert(self.on, Client::default());
+        self.device.handle_connected(self.now_ns, self.on);
+        self.on
     }
 
+    /// The connection that asks ends, and another takes its place.
     fn reconnect(&mut self) {
-        self.device.handle_closed(self.now_ns, CLIENT);
-        self.device.handle_connected(self.now_ns, CLIENT);
-        self.client = Client::default();
+        self.device.handle_closed(self.now_ns, self.on);
+        self.connect();
+    }
+
+    fn greet(&mut self) -> HelloOk {
+        let Message::HelloOk(greeting) = self.ask(&hello()) else {
+            panic!()
+        };
+        greeting
+    }
+
+    fn arm(&mut self) {
+        let id = self.configure();
+        assert_eq!(self.ask(&arm(id)), Message::Armed(state_now(2)));
+    }
+
+    fn configure(&mut self) -> u32 {
+        match self.ask(&configure(&small_settings())) {
+            Message::Configured(configured) => configured.config_id,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    fn client(&mut self) -> &mut Client {
+        self.clients.get_mut(&self.on).unwrap()
     }
 
     fn send(&mut self, message: &Message) -> Vec<Message> {
-        let bytes = self.client.request(message);
+        let bytes = self.client().request(message);
         self.send_bytes(&bytes)
     }
 
     fn send_bytes(&mut self, bytes: &[u8]) -> Vec<Message> {
-        self.device.handle_bytes(self.now_ns, CLIENT, bytes);
+        self.device.handle_bytes(self.now_ns, self.on, bytes);
         self.receive()
     }
 
     /// The one answer to a request.
     fn ask(&mut self, message: &Message) -> Message {
         let mut answers = self.send(message);
-        assert_eq!(answers.len(), 1, "{answers:?}");
+        assert_eq!(answers.len(), 1, "{:x?}", names(&answers));
         answers.remove(0)
     }
 
@@ -81,16 +122,19 @@ impl Bench {
         let mut messages = Vec::new();
         while let Some(output) = self.device.poll_output() {
             match output {
-                DeviceOutput::Bytes {
-                    connection: CLIENT,
-                    bytes,
-                } => {
-                    messages.extend(self.client.read(&bytes).into_iter().map(|(_, message)| message));
+                DeviceOutput::Bytes { connection, bytes } => {
+                    for read in self.clients.get_mut(&connection).unwrap().try_read(&bytes) {
+                        match read {
+                            Ok((_, message)) if connection == self.on => messages.push(message),
+                            Ok((_, message)) => self.elsewhere.push((connection, message)),
+                            Err(error) => self.broken.push((connection, error.code())),
+                        }
+                    }
                 }
                 DeviceOutput::Expose { job, .. } => self.jobs.push(job),
                 DeviceOutput::Exposed { job } => self.exposed.push(job),
                 DeviceOutput::Close { connection } => self.closed.push(connection),
-                DeviceOutput::Bytes { .. } | DeviceOutput::Violation(_) => (),
+                DeviceOutput::Violation(_) => (),
             }
         }
         messages
@@ -101,8 +145,24 @@ impl Bench {
         self.pass_with_signs_of_life(until_ns)
             .into_iter()
             .map(|(_, message)| message)
-            .filter(|message| !matches!(message, Message::Status(_) | Message::Ping(_)))
+            .filter(|message| !is_sign_of_life(message))
             .collect()
+    }
+
+    /// Lets this much time pass. The clients say something now and then.
+    fn pass_on(&mut self, span_ns: u64) -> Vec<Message> {
+        let end_ns = self.now_ns + span_ns;
+        let mut messages = Vec::new();
+        while self.now_ns < end_ns {
+            messages.extend(self.pass(end_ns.min(self.now_ns + 2 * S_NS)));
+            for (connection, client) in &mut self.clients {
+                let bytes = client.request(&Message::Ping(0));
+                self.device.handle_bytes(self.now_ns, *connection, &bytes);
+            }
+            let heard = self.receive().into_iter();
+            messages.extend(heard.filter(|message| !is_sign_of_life(message)));
+        }
+        messages
     }
 
     fn pass_with_signs_of_life(&mut self, until_ns: u64) -> Vec<(u64, Message)> {
@@ -117,17 +177,43 @@ impl Bench {
     }
 
     fn render(&mut self) {
-        let job = *self.jobs.last().unwrap();
-        self.device.handle_frame(self.now_ns, job, frame());
+        if let Some(job) = self.jobs.last() {
+            self.device.handle_frame(self.now_ns, *job, frame());
+        }
     }
 
-    /// Triggers, renders at once, and gives everything that comes within two seconds.
+    /// Triggers with the settings in force, renders at once, and gives everything that comes within two seconds.
     fn take(&mut self, trigger_id: u64) -> Vec<Message> {
-        let mut messages = self.send(&trigger(trigger_id, 0));
+        let mut messages = self.send(&self.trigger(trigger_id));
         self.render();
         messages.extend(self.pass(self.now_ns + 2000 * MS_NS));
         messages
     }
+
+    /// A trigger with the settings last configured.
+    fn trigger(&self, trigger_id: u64) -> Message {
+        let Message::Trigger(mut asked) = trigger(trigger_id, 0) else {
+            unreachable!()
+        };
+        asked.config_id = self.device.bridge.config_id();
+        Message::Trigger(asked)
+    }
+
+    /// Asks for the state.
+    fn status(&mut self) -> Status {
+        match self.ask(&Message::GetStatus) {
+            Message::Status(status) => status,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    fn state(&mut self) -> u8 {
+        self.status().state
+    }
+}
+
+fn is_sign_of_life(message: &Message) -> bool {
+    matches!(message, Message::Status(_) | Message::Ping(_) | Message::Pong(_))
 }
 
 fn frame() -> Frame {
@@ -143,6 +229,10 @@ fn frame() -> Frame {
         saturated_count: 0,
         surface_points_mm: Vec::new(),
     }
+}
+
+fn state_now(state: u8) -> StateNow {
+    StateNow { state, reserved: Zero }
 }
 
 fn names(messages: &[Message]) -> Vec<u16> {
@@ -168,8 +258,8 @@ fn sums(messages: &[Message]) -> [Vec<(u64, u32)>; 2] {
     for message in messages {
         match message {
             Message::FrameChunk(chunk) => {
-                let component = components.entry(chunk.component_index).or_default();
-                assert_eq!(chunk.offset_bytes, component.len() as u64);
+                let component = components.entry(chunk.head.component_index).or_default();
+                assert_eq!(chunk.head.offset_bytes, component.len() as u64);
                 component.extend_from_slice(&chunk.data.0);
             }
             Message::FrameEnd(end) => {
@@ -183,6 +273,25 @@ fn sums(messages: &[Message]) -> [Vec<(u64, u32)>; 2] {
         .map(|bytes| (bytes.len() as u64, crc32c::crc32c(bytes)))
         .collect();
     [came, stated]
+}
+
+/// FETCH_OK of a trigger.
+fn fetched(trigger_id: u64, state: u8, remaining_us: u32) -> Message {
+    Message::FetchOk(FetchOk {
+        trigger_id,
+        state,
+        reserved: Zero,
+        remaining_us,
+    })
+}
+
+/// Bytes of the chunks among messages.
+fn data(messages: &[Message]) -> Vec<u8> {
+    let chunks = messages.iter().filter_map(|message| match message {
+        Message::FrameChunk(chunk) => Some(chunk.data.0.clone()),
+        _ => None,
+    });
+    chunks.flatten().collect()
 }
 
 const WHOLE_FRAME: [u16; 7] = [0x21, 0x22, 0x30, 0x31, 0x31, 0x31, 0x32];

@@ -16,9 +16,10 @@ fn the_requests_of_the_page_are_answered_as_the_page_says() {
     };
     let [Message::Caps(caps)] = &answers[..] else { panic!() };
     assert_eq!(
-        (caps.sensor_px, caps.components, caps.exposure_max_us),
-        (page.sensor_px, page.components, page.exposure_max_us)
+        (caps.sensor_px, caps.exposure_max_us),
+        (page.sensor_px, page.exposure_max_us)
     );
+    assert_eq!(caps.components, 0b11101, "all but RANGE");
     let [Message::Configured(configured)] = &bench.send_bytes(&vector(CAMERA_PAGE, "configure"))[..] else {
         panic!()
     };
@@ -38,40 +39,14 @@ fn before_hello_everything_else_is_refused_and_the_connection_stays() {
     ] {
         assert_eq!(code(&bench.ask(&message)), 205);
     }
-    let unknown = bench.client.frame(0x66, 7, 0, Vec::new());
+    let unknown = bench.client().frame(0x66, 7, 0, Vec::new());
     assert_eq!(code(&bench.send_bytes(&unknown)[0]), 205);
     assert!(matches!(bench.ask(&hello()), Message::HelloOk(_)));
     assert_eq!(code(&bench.ask(&hello())), 203);
 }
 
 #[test]
-fn a_second_controller_is_refused_and_the_first_is_served() {
-    let mut bench = Bench::armed(&[]);
-    let mut second = Client::default();
-    bench.device.handle_connected(0, 2);
-    bench.device.handle_bytes(0, 2, &second.request(&hello()));
-    let mut messages = Vec::new();
-    while let Some(output) = bench.device.poll_output() {
-        match output {
-            DeviceOutput::Bytes { connection: 2, bytes } => messages.extend(second.read(&bytes)),
-            DeviceOutput::Close { connection } => bench.closed.push(connection),
-            other => panic!("{other:?}"),
-        }
-    }
-    assert_eq!(
-        (messages[0].0.flags, messages[0].0.request_id, code(&messages[0].1)),
-        (3, 1, 201)
-    );
-    assert!(matches!(messages[1].1, Message::Bye(Bye { reason: 5, .. })));
-    assert_eq!(bench.closed, [2]);
-    assert!(matches!(bench.ask(&Message::GetStatus), Message::Status(_)));
-    let mut busy = Bench::new(&["controller-busy"]);
-    assert_eq!(names(&busy.send(&hello())), [0x70, 0x7F]);
-    assert_eq!(busy.closed, [CLIENT]);
-}
-
-#[test]
-fn versions_and_roles_that_are_not_served_are_refused() {
+fn versions_roles_runs_and_names_that_are_not_served_are_refused() {
     let greet = |change: fn(&mut Hello)| {
         let Message::Hello(mut greeting) = hello() else {
             unreachable!()
@@ -79,13 +54,17 @@ fn versions_and_roles_that_are_not_served_are_refused() {
         change(&mut greeting);
         let mut bench = Bench::new(&[]);
         let answers = bench.send(&Message::Hello(greeting));
+        if let Some(Message::Bye(bye)) = answers.get(1) {
+            assert_eq!(bye.reason, 3);
+        }
         (code(&answers[0]), bench.closed.len())
     };
     assert_eq!(greet(|hello| hello.min_version = [1, 1]), (105, 1));
     assert_eq!(greet(|hello| hello.max_version = [0, 9]), (105, 1));
-    assert_eq!(greet(|hello| hello.role = 2), (201, 0));
-    assert_eq!(greet(|hello| hello.client_name = Str8::default()), (108, 1));
-    assert_eq!(greet(|hello| hello.client_name = Str8("x".repeat(65))), (108, 1));
+    assert_eq!(greet(|hello| hello.role = 3), (301, 0));
+    assert_eq!(greet(|hello| hello.run_id = 0), (301, 0));
+    assert_eq!(greet(|hello| hello.client_name = Str8::default()), (301, 0));
+    assert_eq!(greet(|hello| hello.client_name = Str8("x".repeat(65))), (301, 0));
 }
 
 #[test]
@@ -200,8 +179,13 @@ fn requests_in_the_wrong_state_have_their_codes() {
     bench.ask(&trigger(3, 0));
     assert_eq!(error(&bench.ask(&trigger(4, 0))), (204, 4, 1, 1));
     assert_eq!(code(&bench.ask(&Message::Disarm)), 203);
-    assert_eq!(code(&bench.ask(&Message::Fetch(3))), 106);
-    let unknown = bench.client.frame(0x66, 99, 0, vec![1]);
+    let Message::Trigger(mut wordy) = trigger(5, 0) else {
+        panic!()
+    };
+    wordy.tag = Str8("x".repeat(65));
+    let mut other = Bench::armed(&[]);
+    assert_eq!(error(&other.ask(&Message::Trigger(wordy))), (301, 5, 1, 0));
+    let unknown = bench.client().frame(0x66, 99, 0, vec![1]);
     assert_eq!(code(&bench.send_bytes(&unknown)[0]), 106);
     assert!(bench.closed.is_empty());
 }
@@ -300,13 +284,13 @@ fn a_deadline_ends_the_acquisition_with_an_error_that_names_it() {
 fn broken_bytes_end_the_connection_with_an_error_and_good_bye() {
     let break_frame = |change: fn(&mut Vec<u8>)| {
         let mut bench = Bench::armed(&[]);
-        let mut bytes = bench.client.request(&Message::Ping(1));
+        let mut bytes = bench.client().request(&Message::Ping(1));
         change(&mut bytes);
         let messages = bench.send_bytes(&bytes);
         assert_eq!(names(&messages), [0x70, 0x7F]);
         assert!(matches!(messages[1], Message::Bye(Bye { reason: 3, .. })));
         assert_eq!(bench.closed, [CLIENT]);
-        let bytes = bench.client.request(&Message::Ping(1));
+        let bytes = bench.client().request(&Message::Ping(1));
         assert_eq!(bench.send_bytes(&bytes), []);
         code(&messages[0])
     };
@@ -382,28 +366,44 @@ fn a_pong_comes_between_the_chunks_of_a_frame() {
 }
 
 #[test]
-fn the_session_ends_with_its_connection_and_a_new_one_starts_afresh() {
+fn a_good_bye_ends_the_connection_and_is_not_answered() {
     let mut bench = Bench::armed(&[]);
-    bench.send(&trigger(0, 0));
-    bench.reconnect();
-    assert!(matches!(
-        bench.ask(&hello()),
-        Message::HelloOk(HelloOk { session_id: 2, .. })
-    ));
-    assert_eq!(code(&bench.ask(&trigger(0, 0))), 202);
-    assert_eq!(bench.pass(900 * MS_NS), []);
-    let good_bye = bench.client.frame(
-        0x7F,
-        0,
-        0,
-        Bye {
-            reason: 1,
-            text: Str8::default(),
-        }
-        .to_payload(),
-    );
+    let reason = Bye {
+        reason: 1,
+        text: Str8::default(),
+    };
+    let good_bye = bench.client().frame(0x7F, 0, 0, reason.to_payload());
     assert_eq!(bench.send_bytes(&good_bye), []);
     assert_eq!(bench.closed, [CLIENT]);
+}
+
+#[test]
+fn the_score_of_every_pixel_comes_when_it_is_asked_for() {
+    let mut bench = Bench::new(&[]);
+    bench.greet();
+    let mut settings = small_settings();
+    settings.components = 0b11101;
+    let Message::Configured(configured) = bench.ask(&configure(&settings)) else {
+        panic!()
+    };
+    assert_eq!(configured.frame_bytes, 80 * 40 * 15);
+    bench.ask(&arm(1));
+    bench.send(&trigger(0, 0));
+    let scored = Frame {
+        confidence: vec![217; 80 * 40],
+        ..frame()
+    };
+    bench.device.handle_frame(0, 1, scored);
+    let messages = bench.pass(300 * MS_NS);
+    let Message::FrameBegin(begin) = &messages[1] else {
+        panic!()
+    };
+    let entry = &begin.components[2];
+    assert_eq!((entry.kind, entry.format, entry.byte_count), (3, 0x0108_00C6, 3200));
+    let Message::FrameChunk(chunk) = &messages[4] else {
+        panic!()
+    };
+    assert_eq!(chunk.data.0, [217; 3200]);
 }
 
 #[test]

@@ -121,3 +121,31 @@ fn the_vendors_side_is_started_anew_after_its_end() {
     bench.run(at(2100));
     assert_eq!(bench.starts, 2);
 }
+
+#[test]
+fn a_vendors_side_that_takes_anothers_place_begins_without_settings() {
+    let mut bench = Bench::armed();
+    bench.ask(at(10), 0, &trigger(1));
+    bench.bridge.handle_vendor_started(at(20));
+    bench.run(at(20));
+    let heard = bench.heard(0);
+    assert_eq!(error_of(&heard[1..]).code, 501);
+    assert_eq!(bench.bridge.state(), CameraState::Offline);
+    bench.say_vendor(at(30), r#"{"is":"ready","vendor":"V","model":"M","serial":"S"}"#);
+    assert_eq!(bench.bridge.state(), CameraState::Idle);
+}
+
+#[test]
+fn a_picture_that_comes_after_the_deadline_is_not_sent() {
+    let mut bench = Bench::armed();
+    let ClientMessage::Trigger(mut wanted) = trigger(1) else {
+        panic!()
+    };
+    wanted.deadline_ms = 300;
+    bench.ask(at(0), 0, &ClientMessage::Trigger(wanted));
+    bench.expose(at(100));
+    bench.heard(0);
+    bench.finish(at(301));
+    assert_eq!(error_of(&bench.heard(0)).code, 407);
+    assert_eq!(bench.refused(at(310), 0, &fetch(1)), 602);
+}
