@@ -86,7 +86,7 @@ fn unmet_roi(caps: &Caps, roi_px: [u16; 6]) -> Option<String> {
         && [3, 5].into_iter().all(|y| inside(y, height_px, sensor_height_px))
         && width_px >= caps.roi_min_px[0]
         && height_px >= caps.roi_min_px[1];
-    let on_step = |length_px: u16, axis: usize| length_px % caps.roi_step_px[axis].max(1) == 0;
+    let on_step = |length_px: u16, axis: usize| length_px.is_multiple_of(caps.roi_step_px[axis].max(1));
     let on_steps =
         [0, 2, 4].into_iter().all(|x| on_step(roi_px[x], 0)) && [1, 3, 5].into_iter().all(|y| on_step(roi_px[y], 1));
     let [min_width_px, min_height_px] = caps.roi_min_px;
