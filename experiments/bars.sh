@@ -1,16 +1,19 @@
 #!/usr/bin/env bash
 # The end-to-end figures of docs/results.md: each shipped recipe as a dry run, scored, replayed at 1 and 2 threads, and
-# run again with one thread. Usage: experiments/bars.sh [SEED]
+# run again with one thread. Usage: experiments/bars.sh [SEED [SURFACE]]; other surfaces than matte with the polished recipes.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 cargo build --release --locked --quiet
 bin=target/release/bladescan
 seed=${1:-1}
+surface=${2:-matte}
+[ "$surface" = matte ] && variant= || variant=-polished
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
-for recipe in hpt-blade-a hpt-blade-b hpt-blade-c lpt-blade; do
+for blade in hpt-blade-a hpt-blade-b hpt-blade-c lpt-blade; do
+  recipe=$blade$variant
   dir="$work/$recipe"
-  $bin dry-run "config/recipes/$recipe.toml" --seed "$seed" --out "$dir" --json >"$dir.json" 2>"$dir.log"
+  $bin dry-run "config/recipes/$recipe.toml" --seed "$seed" --surface "$surface" --out "$dir" --json >"$dir.json" 2>"$dir.log"
   $bin sim score "$dir" >"$dir.score"
   python3 - "$recipe" "$dir.json" "$dir.score" <<'PY'
 import json, statistics, sys
@@ -30,7 +33,7 @@ PY
     printf '%12s replay on %s: ' '' "$threads"
     RAYON_NUM_THREADS=$threads $bin replay "$dir/run.mcap" | tail -n 1
   done
-  RAYON_NUM_THREADS=1 $bin dry-run "config/recipes/$recipe.toml" --seed "$seed" --out "$dir-again" 2>>"$dir.log"
+  RAYON_NUM_THREADS=1 $bin dry-run "config/recipes/$recipe.toml" --seed "$seed" --surface "$surface" --out "$dir-again" 2>>"$dir.log"
   for file in poses.json model.ply; do
     cmp "$dir/$file" "$dir-again/$file" && printf '%12s again on 1 thread: %s byte-equal\n' '' "$file"
   done

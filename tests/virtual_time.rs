@@ -107,7 +107,7 @@ impl Pair {
         let out = Cursor::new(Vec::new());
         let journal = Writer::begin(out, &header, START_UNIX_NS, RECIPE, Station::BUILTIN_SIMULATED_TEXT).unwrap();
         Self {
-            renderer: Renderer::new(&Builtin::HptA.mesh(), scene.noise).unwrap(),
+            renderer: Renderer::new(&Builtin::HptA.mesh(), scene.surface).unwrap(),
             cell: Cell::new(scene),
             controller: Controller::new(header, &recipe, &station, plan),
             pool: Pool::new().unwrap(),

@@ -3,6 +3,7 @@
 mod bench;
 mod bound;
 mod bsc;
+mod camera;
 mod cases;
 mod doubt;
 mod frames;
@@ -52,6 +53,8 @@ enum Command {
     Large(large::LargeArguments),
     /// Drives the arm over a bad wire and in a bad cell, many times.
     Wire(wire::WireArguments),
+    /// Measures the simulated camera: noise on planes, missing pixels on blades, time of a frame.
+    Camera(camera::CameraArguments),
     /// Times the parts that have a budget, on generated data.
     Speed,
 }
@@ -70,6 +73,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Command::Bench(arguments) => bench::run(&arguments),
         Command::Large(arguments) => large::run(&arguments),
         Command::Wire(arguments) => wire::run(&arguments),
+        Command::Camera(arguments) => camera::run(&arguments),
         Command::Speed => speed::run(),
     }
 }

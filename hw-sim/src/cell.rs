@@ -166,7 +166,7 @@ impl Cell {
             &scene.blade,
             scene.seed,
             scene.optics.name,
-            scene.noise,
+            scene.surface,
             scene.pose_error,
         );
         truth.faults = scene.faults.iter().map(ToString::to_string).collect();

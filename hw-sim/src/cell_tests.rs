@@ -34,7 +34,7 @@ struct Bench {
 
 impl Bench {
     fn new(scene: Scene) -> Self {
-        let renderer = Renderer::new(&Builtin::HptA.mesh(), scene.noise).unwrap();
+        let renderer = Renderer::new(&Builtin::HptA.mesh(), scene.surface).unwrap();
         let mut bench = Self {
             cell: Cell::new(scene),
             renderer,

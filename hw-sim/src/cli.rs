@@ -16,7 +16,7 @@ use tokio::io::AsyncReadExt;
 
 use crate::blade::{Builtin, Mesh, stl};
 use crate::camera::optics::Optics;
-use crate::camera::render::{Renderer, SurfaceNoise};
+use crate::camera::render::{Renderer, Surface, Term, Terms};
 use crate::cell::Cell;
 use crate::fault::{Fault, catalogue};
 use crate::robot::ports::LinkOptions;
@@ -99,6 +99,18 @@ struct ServeArgs {
     /// Lens set: fine, medium or wide.
     #[arg(long, default_value = "fine", value_parser = parse_optics)]
     optics: Optics,
+    /// How the blade throws light back: matte, machined or polished (docs/simulator.md).
+    #[arg(long, default_value = "matte", value_parser = parse_surface)]
+    surface: Surface,
+    /// Part of the camera's artefacts to switch off; may be repeated.
+    #[arg(long = "without", value_name = "TERM", value_parser = parse_term)]
+    without: Vec<Term>,
+    /// Part of the camera's artefacts to switch on; may be repeated.
+    #[arg(long = "with", value_name = "TERM", value_parser = parse_term)]
+    with: Vec<Term>,
+    /// Switch the camera's systematic errors on: bowl, scale and warm-up.
+    #[arg(long)]
+    systematic: bool,
     /// Camera in the robot's base: x,y,z,rx,ry,rz in mm and degrees, fixed axes.
     #[arg(long, value_name = "POSE", default_value = "1000,-700,1000,-90,0,0", value_parser = parse_pose)]
     #[arg(allow_hyphen_values = true)]
@@ -174,7 +186,7 @@ enum CliError {
     Read { path: PathBuf, source: io::Error },
     #[error("cannot write {path}: {source}")]
     Write { path: PathBuf, source: io::Error },
-    #[error("{path} is the truth of another run: another blade, seed or optics, or no truth at all")]
+    #[error("{path} is the truth of another run: another blade, seed, optics or surface, or no truth at all")]
     OtherRun { path: PathBuf },
     #[error("cannot say where the cell listens: {0}")]
     Stdout(#[from] io::Error),
@@ -229,7 +241,7 @@ fn run(command: Command) -> Result<(), CliError> {
 fn serve(args: ServeArgs, devices: Devices) -> Result<(), CliError> {
     let mesh = load_blade(&args.blade)?;
     let scene = scene(&args, devices, &mesh);
-    let renderer = Arc::new(Renderer::new(&mesh, scene.noise)?);
+    let renderer = Arc::new(Renderer::new(&mesh, scene.surface)?);
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let served = runtime.block_on(async {
         let has_robot = devices != Devices::Camera;
@@ -260,8 +272,8 @@ fn cell(scene: Scene, truth_path: Option<&Path>) -> Result<Cell, CliError> {
         Ok(text) => {
             let other_run = || CliError::OtherRun { path: path.to_owned() };
             let earlier: Truth = serde_json::from_slice(&text).map_err(|_| other_run())?;
-            let here = (&scene.blade, scene.seed, scene.optics.name);
-            if (&earlier.blade, earlier.seed, earlier.optics.as_str()) != here {
+            let here = (&scene.blade, scene.seed, scene.optics.name, &scene.surface);
+            if (&earlier.blade, earlier.seed, earlier.optics.as_str(), &earlier.surface) != here {
                 return Err(other_run());
             }
             Cell::resumed(scene, earlier)
@@ -350,7 +362,7 @@ fn scene(args: &ServeArgs, devices: Devices, mesh: &Mesh) -> Scene {
     let mut scene = Scene {
         blade: args.blade.strip_prefix(BUILTIN).unwrap_or(&args.blade).to_owned(),
         optics: args.optics,
-        noise: SurfaceNoise::matte(),
+        surface: surface(args),
         base_from_camera: args.base_from_camera,
         tool_from_blade: args.tool_from_blade,
         seed: args.seed,
@@ -385,6 +397,26 @@ fn pose_in_view(scene: &Scene, mesh: &Mesh) -> Pose {
     let camera_from_middle = isometry_from_mm_deg([0.0, 0.0, scene.optics.nominal_mm], [180.0, -90.0, 0.0]);
     let base_from_blade = scene.base_from_camera * camera_from_middle * blade_from_middle.inverse();
     Pose::from_isometry(&(base_from_blade * scene.tool_from_blade.inverse()))
+}
+
+/// The preset with what is switched; what is named as off is off.
+fn surface(args: &ServeArgs) -> Surface {
+    let systematic = Term::SYSTEMATIC.into_iter().filter(|_| args.systematic);
+    let on = args.with.iter().copied().chain(systematic);
+    let terms = on.fold(args.surface.terms, Terms::with);
+    Surface {
+        terms: args.without.iter().copied().fold(terms, Terms::without),
+        ..args.surface
+    }
+}
+
+fn parse_surface(name: &str) -> Result<Surface, String> {
+    Surface::from_name(name).ok_or_else(|| format!("there are: {}", Surface::NAMES.join(", ")))
+}
+
+fn parse_term(name: &str) -> Result<Term, String> {
+    let names = || Term::ALL.map(Term::name).join(", ");
+    Term::from_name(name).ok_or_else(|| format!("there are: {}", names()))
 }
 
 fn parse_optics(name: &str) -> Result<Optics, String> {
@@ -451,6 +483,8 @@ mod tests {
             &["cell", "--fault", "camera-on-fire@1"][..],
             &["cell", "--speed", "0"],
             &["cell", "--optics", "narrow"],
+            &["cell", "--surface", "chrome"],
+            &["cell", "--without", "gravity"],
             &["cell", "--base-from-camera", "1,2,3"],
             &["cell", "--pose-error-mm", "-1"],
             &["cell", "--blade", "builtin:fan"],
@@ -520,6 +554,25 @@ mod tests {
             isometry_from_mm_deg([-1.0, -2.0, -3.0], [-90.0, 0.0, 0.0])
         );
         assert_eq!(args.faults, [Fault::Estop { view: 3 }, Fault::RemoteOff]);
+    }
+
+    #[test]
+    fn terms_are_switched_on_and_off_and_off_wins() {
+        let args = [
+            "hw-sim",
+            "cell",
+            "--surface=machined",
+            "--without=ghosts",
+            "--systematic",
+            "--without=bowl",
+        ];
+        let cli = Cli::try_parse_from(args).unwrap();
+        let Command::Cell(args) = cli.command else { panic!() };
+        let (terms, machined) = (surface(&args).terms, Surface::machined().terms);
+        assert_eq!(
+            terms,
+            machined.without(Term::Ghosts).with(Term::Scale).with(Term::WarmUp)
+        );
     }
 
     #[test]

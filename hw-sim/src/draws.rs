@@ -17,7 +17,7 @@ pub struct Draws {
 /// What a stream is for. Streams with different purposes never share draws.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Purpose {
-    /// White noise under the correlated depth noise, one stream a row.
+    /// White noise under the correlated fields of normal numbers (depth noise and others), one stream a field and row.
     Depth = 1,
     /// Lateral noise and the fate of pixels seen at a grazing angle, one stream a row.
     Pixel = 2,
@@ -29,6 +29,14 @@ pub(crate) enum Purpose {
     CalibrationError = 5,
     /// What the network does to what it carries, one stream a path.
     Network = 6,
+    /// What silhouettes do to pixels, one stream a row.
+    Silhouettes = 20,
+    /// Gross mismatches, one stream a row.
+    Outliers = 21,
+    /// Ghosts of inter-reflections.
+    Ghosts = 22,
+    /// What is the same in every frame of one camera.
+    Device = 23,
     /// Inputs of tests.
     #[cfg(test)]
     Test = 1000,

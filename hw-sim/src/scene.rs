@@ -3,7 +3,7 @@
 use nalgebra::Isometry3;
 
 use crate::camera::optics::Optics;
-use crate::camera::render::SurfaceNoise;
+use crate::camera::render::Surface;
 use crate::fault::Fault;
 use crate::robot::ports::LinkOptions;
 use crate::robot::pose::{Pose, isometry_from_mm_deg};
@@ -17,8 +17,8 @@ pub struct Scene {
     pub blade: String,
     /// Lens set of the camera.
     pub optics: Optics,
-    /// Noise of the camera; stated in the truth.
-    pub noise: SurfaceNoise,
+    /// How the camera meets the blade's surface; stated in the truth.
+    pub surface: Surface,
     /// Where the camera stands, as the station states it, mm.
     pub base_from_camera: Isometry3<f64>,
     /// How the tool holds the blade, as the station states it, mm.
@@ -51,7 +51,7 @@ impl Default for Scene {
         Self {
             blade: "hpt-a".to_owned(),
             optics: Optics::fine(),
-            noise: SurfaceNoise::matte(),
+            surface: Surface::matte(),
             base_from_camera: isometry_from_mm_deg([1000.0, -700.0, 1000.0], [-90.0, 0.0, 0.0]),
             tool_from_blade: isometry_from_mm_deg([0.0, 0.0, 400.0], [0.0; 3]),
             home: Pose::from_mm_deg([1000.0, -200.0, 1100.0], [0.0, 90.0, 0.0]),

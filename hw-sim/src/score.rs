@@ -297,12 +297,12 @@ fn read<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, ScoreError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::camera::render::SurfaceNoise;
+    use crate::camera::render::Surface;
     use crate::truth::{PoseErrorSize, rows_from_motion};
 
     /// A blade-like run: views 10° apart about z, each with points on a small patch before the camera.
     fn truth(view_count: u32) -> Truth {
-        let mut truth = Truth::new("lpt", 1, "wide", SurfaceNoise::matte(), PoseErrorSize::default());
+        let mut truth = Truth::new("lpt", 1, "wide", Surface::matte(), PoseErrorSize::default());
         for view in 0..view_count {
             let turn = Isometry3::rotation(Vector3::z() * f64::from(view) * 10_f64.to_radians());
             let camera_from_blade = Isometry3::new(Vector3::new(1.0, 2.0, 600.0), Vector3::new(0.3, 1.2, 0.0)) * turn;

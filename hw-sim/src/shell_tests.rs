@@ -47,7 +47,7 @@ fn a_served_cell_answers_takes_a_frame_and_leaves_the_truth() {
             speed: 100.0,
             ..Scene::default()
         };
-        let renderer = Arc::new(Renderer::new(&Builtin::HptA.mesh(), scene.noise).unwrap());
+        let renderer = Arc::new(Renderer::new(&Builtin::HptA.mesh(), scene.surface).unwrap());
         let sockets = Sockets::open(&Wanted {
             hses: Some(0),
             camera: Some(0),
@@ -112,7 +112,7 @@ fn with_host_links<T: Future<Output = ()>>(links: LinkOptions, used: impl FnOnce
             links,
             ..Scene::default()
         };
-        let renderer = Arc::new(Renderer::new(&Builtin::HptA.mesh(), scene.noise).unwrap());
+        let renderer = Arc::new(Renderer::new(&Builtin::HptA.mesh(), scene.surface).unwrap());
         let sockets = Sockets::open(&Wanted {
             host_control: Some(0),
             has_serial: true,

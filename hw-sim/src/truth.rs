@@ -1,6 +1,6 @@
 //! `truth.json`: what only the simulator knows about a run.
 
-use crate::camera::render::SurfaceNoise;
+use crate::camera::render::Surface;
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 use std::fs::{self, File};
@@ -21,8 +21,9 @@ pub struct Truth {
     pub seed: u64,
     /// Name of the optics preset.
     pub optics: String,
-    /// Noise settings of the camera.
-    pub noise: SurfaceNoise,
+    /// How the camera met the surface: preset, numbers, and the terms that were on.
+    #[serde(default = "Surface::matte")]
+    pub surface: Surface,
     /// How far the world may differ from what the controller believes.
     pub pose_error: PoseErrorSize,
     /// Faults injected, in the order of injection, as the operator wrote them.
@@ -67,13 +68,13 @@ pub struct ViewTruth {
 
 impl Truth {
     /// A run of which nothing has been captured yet.
-    pub fn new(blade: &str, seed: u64, optics: &str, noise: SurfaceNoise, pose_error: PoseErrorSize) -> Truth {
+    pub fn new(blade: &str, seed: u64, optics: &str, surface: Surface, pose_error: PoseErrorSize) -> Truth {
         Truth {
             simulated: true,
             blade: blade.to_owned(),
             seed,
             optics: optics.to_owned(),
-            noise,
+            surface,
             pose_error,
             faults: Vec::new(),
             views: Vec::new(),
@@ -154,7 +155,7 @@ mod tests {
     use super::*;
 
     fn empty() -> Truth {
-        Truth::new("hpt-a", 1, "fine", SurfaceNoise::matte(), PoseErrorSize::default())
+        Truth::new("hpt-a", 1, "fine", Surface::matte(), PoseErrorSize::default())
     }
 
     fn pose(k: f64) -> Isometry3<f64> {

@@ -33,6 +33,12 @@ pub(super) struct Args {
     /// How the simulated robot is moved: by moves of bladescan, or by orders to the scan job on the controller.
     #[arg(long, value_enum, default_value_t = Motion::Direct)]
     motion: Motion,
+    /// How the simulated blade throws light back.
+    #[arg(long, value_enum, default_value_t = Surface::Matte)]
+    surface: Surface,
+    /// Part of the simulated camera's artefacts to leave out; may be repeated (docs/simulator.md).
+    #[arg(long, value_name = "TERM")]
+    without: Vec<String>,
     /// Fault to inject, KIND[=VALUE][@VIEW]; may be repeated, `bladescan sim faults` lists them.
     #[arg(long = "fault", value_name = "SPEC")]
     faults: Vec<String>,
@@ -54,6 +60,13 @@ enum Motion {
     Job,
 }
 
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Surface {
+    Matte,
+    Machined,
+    Polished,
+}
+
 pub(super) fn main(args: Args) -> Result<Exit, Failure> {
     let recipe = read_recipe(&args.recipe)?;
     let station = builtin_station_with(&word(args.link), &word(args.motion));
@@ -68,6 +81,8 @@ pub(super) fn main(args: Args) -> Result<Exit, Failure> {
         seed: args.seed,
         blade,
         optics: recipe.meaning.camera.optics.name(),
+        surface: word(args.surface),
+        without: args.without,
         serial: matches!(args.link, Link::Serial),
         base_from_camera: station.meaning.base_from_camera,
         tool_from_blade: station.meaning.tool_from_blade,

@@ -24,6 +24,10 @@ pub struct SimulatedOptions {
     pub blade: String,
     /// The lens set.
     pub optics: &'static str,
+    /// How the blade throws light back: the name of a preset.
+    pub surface: String,
+    /// Parts of the camera's artefacts to leave out.
+    pub without: Vec<String>,
     /// Whether it has a serial line (a pseudo-terminal).
     pub serial: bool,
     /// Where the camera stands, mm.
@@ -77,6 +81,8 @@ impl SimulatedCell {
             .arg(format!("--seed={}", options.seed))
             .arg(format!("--blade={}", options.blade))
             .arg(format!("--optics={}", options.optics))
+            .arg(format!("--surface={}", options.surface))
+            .args(options.without.iter().map(|term| format!("--without={term}")))
             .arg(format!("--base-from-camera={}", pose_words(&options.base_from_camera)))
             .arg(format!("--tool-from-blade={}", pose_words(&options.tool_from_blade)))
             .arg(format!("--speed={}", options.speed))

@@ -89,7 +89,7 @@ fn with_robot(used: impl AsyncFnOnce(&Peer)) {
         for (name, text) in [("SCAN1", WAITING_JOB), ("BROKEN", BROKEN_JOB)] {
             scene.jobs.push((name.to_owned(), text.to_owned()));
         }
-        let renderer = Arc::new(Renderer::new(&Builtin::HptA.mesh(), scene.noise).unwrap());
+        let renderer = Arc::new(Renderer::new(&Builtin::HptA.mesh(), scene.surface).unwrap());
         let wanted = Wanted {
             hses: Some(0),
             hses_file: Some(0),

@@ -1,6 +1,7 @@
 //! What a measured point differs by from the true one, and which points are missing (camera sheet 4.2).
 
 use super::optics::Optics;
+use super::radiometry::{BRIGHTNESS_REFERENCE, Exposed, IMAGE_COUNT_REFERENCE};
 use crate::draws::{Draws, Purpose, generator, normal_pair, uniform};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -15,7 +16,8 @@ pub struct SurfaceNoise {
     pub depth_floor_mm: f64,
     /// Noise across the ray, standard deviation per axis, as a share of the point spacing. *Assumed*.
     pub lateral_fraction: f64,
-    /// Standard deviation of the Gaussian that correlates the depth noise of neighbouring pixels; 0 for white noise. *Assumed*.
+    /// Standard deviation of the Gaussian that correlates the depth noise of neighbouring pixels at pre-filtering 3; 0 for
+    /// white noise at any. Sheet: 0.5 to 1.0. *Assumed*.
     pub correlation_px: f64,
     /// Angle between normal and camera ray up to which every pixel is valid. *Assumed*.
     pub incidence_full_rad: f64,
@@ -23,6 +25,9 @@ pub struct SurfaceNoise {
     pub incidence_none_rad: f64,
     /// Share of the pixels lost in compact holes of 1 to 4 pixels radius, 0 to 0.5. *Assumed*.
     pub dropout_fraction: f64,
+    /// How far, as a standard deviation, the fate of pixels at a grazing angle stays alike; 0 for each by itself. *Assumed*.
+    #[serde(default)]
+    pub roll_off_px: f64,
 }
 
 impl SurfaceNoise {
@@ -36,6 +41,7 @@ impl SurfaceNoise {
             incidence_full_rad: 60_f64.to_radians(),
             incidence_none_rad: 78_f64.to_radians(),
             dropout_fraction: 0.004,
+            roll_off_px: 0.0,
         }
     }
 
@@ -49,6 +55,7 @@ impl SurfaceNoise {
             incidence_full_rad: 90_f64.to_radians(),
             incidence_none_rad: 90_f64.to_radians(),
             dropout_fraction: 0.0,
+            roll_off_px: 0.0,
         }
     }
 
@@ -56,7 +63,7 @@ impl SurfaceNoise {
     ///
     /// `fraction * p * (Z / Z0) * sqrt(24 / N) * sqrt(I_ref / max(I, I_min)) / cos(min(theta, 75°))`, with p the spacing
     /// of the *full* grid at Z: a binned pixel is twice as wide (p doubles) but averages four (the noise halves).
-    pub(super) fn depth_sigma_mm(&self, optics: &Optics, depth_mm: f64, incidence_rad: f64, exposed: Exposed) -> f64 {
+    pub(super) fn depth_sigma_mm(&self, optics: &Optics, depth_mm: f64, incidence_rad: f64, exposed: &Exposed) -> f64 {
         if self.depth_fraction == 0.0 {
             return 0.0;
         }
@@ -69,6 +76,15 @@ impl SurfaceNoise {
         sigma_mm.max(self.depth_floor_mm)
     }
 
+    /// Standard deviation of the Gaussian that correlates the depth noise: a tenth of a pixel more for each step of pre-filtering.
+    pub(super) fn correlation_px(&self, pre_filtering: u8) -> f64 {
+        if self.correlation_px == 0.0 {
+            return 0.0;
+        }
+        let steps = f64::from(pre_filtering) - f64::from(PRE_FILTERING_REFERENCE);
+        (self.correlation_px + CORRELATION_STEP_PX * steps).max(0.0)
+    }
+
     /// Probability that a pixel at this incidence is valid (sheet 4.2 step 5).
     pub(super) fn valid_probability(&self, incidence_rad: f64) -> f64 {
         if incidence_rad <= self.incidence_full_rad {
@@ -76,33 +92,6 @@ impl SurfaceNoise {
         }
         let span_rad = self.incidence_none_rad - self.incidence_full_rad;
         (1.0 - (incidence_rad - self.incidence_full_rad) / span_rad).max(0.0)
-    }
-}
-
-/// How well one pixel is exposed.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Exposed {
-    /// Brightness as a share of full scale; above 1 the pixel is saturated.
-    pub(super) brightness: f64,
-    /// Images of the pattern sequence, 12 to 60.
-    pub(super) image_count: u32,
-}
-
-impl Exposed {
-    /// Brightness of a matte surface: proportional to exposure and cosine, falling with the square of the distance.
-    pub(super) fn matte(optics: &Optics, exposure_us: f64, image_count: u32, distance_mm: f64, cosine: f64) -> Exposed {
-        let falloff = (optics.nominal_mm / distance_mm).powi(2);
-        let brightness = BRIGHTNESS_REFERENCE * (exposure_us / EXPOSURE_REFERENCE_US) * falloff * cosine;
-        Exposed {
-            brightness,
-            image_count,
-        }
-    }
-
-    /// Matching score, 0 to 1: `1 / (1 + (sigma / modulation)^2)` (sheet 4.2 step 4), 0.85 at 3 % of full scale.
-    pub(super) fn score(self) -> f64 {
-        let sigma = BRIGHTNESS_SIGMA * (IMAGE_COUNT_REFERENCE / f64::from(self.image_count)).sqrt();
-        1.0 / (1.0 + (sigma / self.brightness).powi(2))
     }
 }
 
@@ -120,14 +109,16 @@ impl Window {
 }
 
 /// Normal noise of unit variance over a window, one vector a row, correlated by a Gaussian of `sigma_px`; 0 is white.
-pub(super) fn unit_field(window: Window, sigma_px: f64, draws: Draws) -> Vec<Vec<f64>> {
-    let kernel = kernel(sigma_px);
+/// `part` 0 is the depth noise, others are for other terms.
+pub(super) fn unit_field(window: Window, sigma_px: f64, draws: Draws, part: u64) -> Vec<Vec<f64>> {
+    let reach = ((3.0 * sigma_px).ceil() as usize).max(KERNEL_REACH_LEAST);
+    let kernel = kernel(sigma_px, reach);
     let width_px = window.width_px();
     // Row r of the field needs the white rows r to r + 2 * reach, counted with a margin of `reach` on every side.
-    let smoothed_rows: Vec<Vec<f64>> = (window.y_px[0]..window.y_px[1] + 2 * KERNEL_REACH)
+    let smoothed_rows: Vec<Vec<f64>> = (window.y_px[0]..window.y_px[1] + 2 * reach)
         .into_par_iter()
         .map(|row| {
-            let white = white_row(row, window.x_px[1] + 2 * KERNEL_REACH, draws);
+            let white = white_row(row, window.x_px[1] + 2 * reach, draws, part);
             let from = |x: usize| &white[window.x_px[0] + x..];
             (0..width_px)
                 .map(|x| kernel.iter().zip(from(x)).map(|(weight, value)| weight * value).sum())
@@ -149,6 +140,11 @@ pub(super) fn unit_field(window: Window, sigma_px: f64, draws: Draws) -> Vec<Vec
                 .collect()
         })
         .collect()
+}
+
+/// Share of the normal distribution below a value, to within 0.0004 (Page, 1977).
+pub(super) fn share_below(value: f64) -> f64 {
+    0.5 * (1.0 + (0.797_885 * (value + 0.044_715 * value.powi(3))).tanh())
 }
 
 /// Pixels lost in compact holes: row-major flags over the window.
@@ -195,44 +191,40 @@ fn punch(lost: &mut [bool], window: Window, [x_px, y_px]: [f64; 2], radius_px: f
     }
 }
 
-fn white_row(row: usize, width_px: usize, draws: Draws) -> Vec<f64> {
-    let mut rng = generator(draws.seed, Purpose::Depth, draws.trigger_id, row as u64);
+fn white_row(row: usize, width_px: usize, draws: Draws, part: u64) -> Vec<f64> {
+    let mut rng = generator(draws.seed, Purpose::Depth, draws.trigger_id, part << 32 | row as u64);
     (0..width_px.div_ceil(2))
         .flat_map(|_| normal_pair(uniform(&mut rng), uniform(&mut rng)))
         .collect()
 }
 
 /// Gaussian weights whose squares sum to one, so that the variance of white noise is kept.
-fn kernel(sigma_px: f64) -> [f64; 2 * KERNEL_REACH + 1] {
-    let mut weights = [0.0; 2 * KERNEL_REACH + 1];
-    for (i, weight) in weights.iter_mut().enumerate() {
-        let offset_px = i as f64 - KERNEL_REACH as f64;
-        *weight = if sigma_px > 0.0 {
+fn kernel(sigma_px: f64, reach: usize) -> Vec<f64> {
+    let weight = |i: usize| {
+        let offset_px = i as f64 - reach as f64;
+        if sigma_px > 0.0 {
             (-0.5 * (offset_px / sigma_px).powi(2)).exp()
         } else if offset_px == 0.0 {
             1.0
         } else {
             0.0
-        };
-    }
+        }
+    };
+    let weights: Vec<f64> = (0..=2 * reach).map(weight).collect();
     let norm = weights.iter().map(|weight| weight * weight).sum::<f64>().sqrt();
-    weights.map(|weight| weight / norm)
+    weights.into_iter().map(|weight| weight / norm).collect()
 }
 
-/// Images per frame for which the noise is stated, *sourced* (the device's default).
-const IMAGE_COUNT_REFERENCE: f64 = 24.0;
-/// Exposure (the device's default, *sourced*) at which a matte surface at the nominal distance, facing the projector,
-/// has the reference brightness (*assumed*).
-const EXPOSURE_REFERENCE_US: f64 = 1000.0;
-const BRIGHTNESS_REFERENCE: f64 = 0.6;
 /// Brightness below which the noise grows no further; 3 % of full scale is where the score meets its default threshold. *Assumed*.
 const BRIGHTNESS_LEAST: f64 = 0.03;
-/// Noise of the brightness, share of full scale: gives a score of 0.85 at 3 % of full scale. *Assumed*.
-const BRIGHTNESS_SIGMA: f64 = 0.0126;
 /// Incidence from which the noise grows no further, 75°. *Assumed*.
 const INCIDENCE_CAP_RAD: f64 = 75.0 * std::f64::consts::PI / 180.0;
-/// Pixels on each side that the correlation of the noise reaches.
-const KERNEL_REACH: usize = 2;
+/// Least count of pixels on each side that the correlation of the noise reaches.
+const KERNEL_REACH_LEAST: usize = 2;
+/// Pre-filtering for which the correlation is stated, *sourced* (the device's default).
+const PRE_FILTERING_REFERENCE: u8 = 3;
+/// Correlation that a step of pre-filtering adds (sheet). *Assumed*.
+const CORRELATION_STEP_PX: f64 = 0.1;
 /// Side of the image cells that draw holes; larger than the greatest radius.
 const CELL_PX: usize = 32;
 /// Least and greatest radius of a hole, and the mean area: π (a² + ab + b²) / 3. *Assumed*.
@@ -254,7 +246,7 @@ mod tests {
 
     #[test]
     fn the_correlated_field_has_unit_variance_and_the_correlation_of_its_kernel() {
-        let field = unit_field(WINDOW, 0.6, DRAWS);
+        let field = unit_field(WINDOW, 0.6, DRAWS, 0);
         let mean_product = |shift: usize| {
             let products = field
                 .iter()
@@ -267,8 +259,15 @@ mod tests {
     }
 
     #[test]
+    fn the_share_below_is_that_of_the_tables() {
+        for (value, share) in [(0.0, 0.5), (1.0, 0.841_345), (-1.96, 0.024_998), (3.0, 0.998_65)] {
+            assert!((share_below(value) - share).abs() < 4e-4, "{value}");
+        }
+    }
+
+    #[test]
     fn the_field_does_not_depend_on_the_window() {
-        let whole = unit_field(WINDOW, 0.6, DRAWS);
+        let whole = unit_field(WINDOW, 0.6, DRAWS, 0);
         let part = unit_field(
             Window {
                 x_px: [140, 150],
@@ -276,6 +275,7 @@ mod tests {
             },
             0.6,
             DRAWS,
+            0,
         );
         assert_eq!(part[2][..], whole[22][100..110]);
     }
@@ -294,6 +294,9 @@ mod tests {
     fn the_sigma_is_the_sheets_example_at_nominal_distance() {
         let exposed = Exposed {
             brightness: 0.6,
+            pass: 0,
+            saturation: 0.6,
+            seen: 0.6,
             image_count: 24,
         };
         for (optics, sigma_mm) in [
@@ -301,21 +304,20 @@ mod tests {
             (Optics::medium(), 0.050),
             (Optics::wide(), 0.1125),
         ] {
-            let modelled = SurfaceNoise::matte().depth_sigma_mm(&optics, optics.nominal_mm, 0.0, exposed);
+            let modelled = SurfaceNoise::matte().depth_sigma_mm(&optics, optics.nominal_mm, 0.0, &exposed);
             assert!((modelled - sigma_mm).abs() < 1e-9, "{modelled}");
         }
     }
 
     #[test]
-    fn the_score_meets_its_default_threshold_at_three_percent_of_full_scale() {
-        let score = |brightness| {
-            Exposed {
-                brightness,
-                image_count: 24,
-            }
-            .score()
-        };
-        assert!((score(0.03) - 0.85).abs() < 0.001, "{}", score(0.03));
-        assert!(score(0.6) > 0.999 && score(0.0) == 0.0);
+    fn pre_filtering_correlates_further_and_keeps_the_variance() {
+        let noise = SurfaceNoise::matte();
+        assert_eq!(noise.correlation_px(3), 0.6);
+        assert!((noise.correlation_px(9) - 1.2).abs() < 1e-12);
+        assert_eq!(SurfaceNoise::none().correlation_px(9), 0.0);
+        let field = unit_field(WINDOW, 1.2, DRAWS, 0);
+        let values = field.iter().flatten();
+        let variance = values.map(|value| value * value).sum::<f64>() / (600.0 * 400.0);
+        assert!((variance - 1.0).abs() < 0.02, "{variance}");
     }
 }

@@ -1,6 +1,6 @@
 use super::*;
 use crate::blade::Builtin;
-use nalgebra::{Rotation3, UnitQuaternion};
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
 const DRAWS: Draws = Draws {
@@ -48,8 +48,15 @@ fn sphere(radius_mm: f64, step_count: u32) -> Mesh {
     Mesh { vertices, triangles }
 }
 
+fn matte_with(noise: SurfaceNoise) -> Surface {
+    Surface {
+        noise,
+        ..Surface::matte()
+    }
+}
+
 fn render(mesh: &Mesh, noise: SurfaceNoise, camera_from_blade: &Isometry3<f64>, capture: &Capture) -> Frame {
-    Renderer::new(mesh, noise)
+    Renderer::new(mesh, matte_with(noise))
         .unwrap()
         .render(&Optics::medium(), camera_from_blade, capture, &DRAWS)
 }
@@ -250,7 +257,7 @@ fn long_exposures_saturate_and_short_ones_lose_modulation() {
 
 #[test]
 fn the_same_draws_give_the_same_bits_on_1_2_and_8_threads() {
-    let renderer = Renderer::new(&Builtin::HptB.mesh(), SurfaceNoise::matte()).unwrap();
+    let renderer = Renderer::new(&Builtin::HptB.mesh(), Surface::matte()).unwrap();
     let pose = Isometry3::from_parts(
         Vector3::new(0.0, 0.0, 600.0).into(),
         UnitQuaternion::from_rotation_matrix(&Rotation3::from_euler_angles(0.4, FRAC_PI_2, 0.1)),
@@ -285,10 +292,10 @@ fn the_same_draws_give_the_same_bits_on_1_2_and_8_threads() {
 fn another_trigger_draws_other_noise_on_the_same_geometry() {
     let renderer = Renderer::new(
         &square(100.0),
-        SurfaceNoise {
+        matte_with(SurfaceNoise {
             dropout_fraction: 0.0,
             ..SurfaceNoise::matte()
-        },
+        }),
     )
     .unwrap();
     let capture = Capture {
@@ -337,7 +344,7 @@ fn every_built_in_blade_fits_the_optics_meant_for_it_and_fills_the_frame() {
         (Builtin::HptC, Optics::medium(), false, 450.0, 750.0),
     ] {
         let (name, mesh) = (blade.name(), blade.mesh());
-        let renderer = Renderer::new(&mesh, SurfaceNoise::matte()).unwrap();
+        let renderer = Renderer::new(&mesh, Surface::matte()).unwrap();
         let capture = Capture {
             binning,
             exposure_us,
@@ -368,7 +375,7 @@ fn every_built_in_blade_fits_the_optics_meant_for_it_and_fills_the_frame() {
 /// Golden: pins that further terms of the model leave a matte frame without them as it is.
 #[test]
 fn a_matte_frame_has_the_same_bits_as_ever() {
-    let renderer = Renderer::new(&Builtin::HptC.mesh(), SurfaceNoise::matte()).unwrap();
+    let renderer = Renderer::new(&Builtin::HptC.mesh(), Surface::matte()).unwrap();
     let pose = Isometry3::from_parts(
         Vector3::new(3.0, -4.0, 450.0).into(),
         UnitQuaternion::from_rotation_matrix(&Rotation3::from_euler_angles(0.4, FRAC_PI_2, 0.1)),
