@@ -181,7 +181,7 @@ fn a_station_is_read_into_millimetres_radians_and_nanoseconds() {
         port,
     };
     let cell = Target::Cell {
-        robot: RobotAddress::Network(address("192.168.1.31", 10040)),
+        robot: RobotAddress::Hses(address("192.168.1.31", 10040)),
         camera: address("127.0.0.1", 50555),
     };
     assert_eq!(station.target, cell);

@@ -18,7 +18,13 @@ fn link_and_way_to_move_are_read_with_what_they_need() {
     let Target::Cell { robot, .. } = serial.target else {
         panic!()
     };
-    assert_eq!(robot, RobotAddress::SerialDevice("/dev/ttyS1".into()));
+    assert_eq!(
+        robot,
+        RobotAddress::Serial {
+            device: "/dev/ttyS1".into(),
+            baud: 19_200
+        }
+    );
     assert_eq!(serial.robot.motion, Motion::Direct);
     let error = read("[robot]\nlink = \"serial\"").unwrap_err();
     assert!(

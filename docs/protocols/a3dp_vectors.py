@@ -117,9 +117,10 @@ VECTORS = [
     ("bye", "done", frame(0x7F, struct.pack("<H", 1) + str8("done"), 0, 9)),
 ]
 
-for name, note, data in VECTORS:
-    print(f"`{name}`" + (f": {note}" if note else ""))
-    print(f"\n```hex {name}")
-    for start in range(0, len(data), 32):
-        print(data[start:start + 32].hex(" ", 4))
-    print("```" if name == VECTORS[-1][0] else "```\n")
+if __name__ == "__main__":
+    for name, note, data in VECTORS:
+        print(f"`{name}`" + (f": {note}" if note else ""))
+        print(f"\n```hex {name}")
+        for start in range(0, len(data), 32):
+            print(data[start:start + 32].hex(" ", 4))
+        print("```" if name == VECTORS[-1][0] else "```\n")

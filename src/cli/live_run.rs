@@ -8,7 +8,7 @@ use crate::job::sha256;
 use crate::plan::Plan;
 use crate::run::{Console, JournalFile, Links, Live, Outcome, Pool, RobotPlace, pack_file, run};
 use crate::seed::Seed;
-use crate::settings::{HostPort, Recipe, RobotAddress, RobotProtocol, Station, Target};
+use crate::settings::{HostPort, Recipe, RobotAddress, Station, Target};
 use std::net::{SocketAddr, ToSocketAddrs as _};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -57,7 +57,7 @@ pub(super) fn main(args: &Args) -> Result<Exit, Failure> {
             )));
         }
         Target::SimulatedAt { robot, camera } | Target::Cell { robot, camera } => Links {
-            robot: robot_place(robot, station.meaning.robot.protocol)?,
+            robot: robot_place(robot)?,
             camera: resolve(camera)?,
         },
     };
@@ -166,15 +166,14 @@ fn exit(outcome: &Outcome) -> Exit {
     }
 }
 
-pub(super) fn robot_place(address: &RobotAddress, protocol: RobotProtocol) -> Result<RobotPlace, Failure> {
-    Ok(match (address, protocol) {
-        (RobotAddress::Network(address), RobotProtocol::HostControl) => RobotPlace::HostControl(resolve(address)?),
-        (RobotAddress::Network(address), _) => RobotPlace::Hses(resolve(address)?),
-        (RobotAddress::SerialDevice(device), RobotProtocol::Serial { baud }) => RobotPlace::Serial {
+pub(super) fn robot_place(address: &RobotAddress) -> Result<RobotPlace, Failure> {
+    Ok(match address {
+        RobotAddress::Hses(address) => RobotPlace::Hses(resolve(address)?),
+        RobotAddress::HostControl(address) => RobotPlace::HostControl(resolve(address)?),
+        RobotAddress::Serial { device, baud } => RobotPlace::Serial {
             device: device.clone(),
-            baud,
+            baud: *baud,
         },
-        (RobotAddress::SerialDevice(_), _) => unreachable!("only a serial link has a serial device"),
     })
 }
 

@@ -3,6 +3,7 @@
 use nalgebra::{Isometry3, Point3};
 
 use super::consistency::{Judge, Score, Views, residuals};
+use super::distinct::add_distinct;
 use super::facing::Sides;
 use super::icp::{IcpLevel, Problem, Sample};
 use super::{IcpSettings, Settings};
@@ -82,12 +83,9 @@ impl<'a> Coarse<'a> {
             narrow.push(self.narrowed(&candidate));
         }
         let mut kept: Vec<Candidate> = Vec::new();
-        for candidate in best_of(narrow, NARROW_COUNT) {
-            if kept.len() < NEAR_KEPT_COUNT && kept.iter().all(|other| self.are_distinct(&other.pose, &candidate.pose))
-            {
-                kept.push(candidate);
-            }
-        }
+        add_distinct(&mut kept, best_of(narrow, NARROW_COUNT), NEAR_KEPT_COUNT, |a, b| {
+            self.are_distinct(&a.pose, &b.pose)
+        });
         let levels = self.level_count();
         for candidate in kept {
             let refined = self.refined_over(levels.min(1)..levels, &candidate);

@@ -2,6 +2,7 @@
 
 use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Translation3, UnitQuaternion};
 
+use super::distinct::add_distinct;
 use super::icp::Sample;
 use super::nfi::minima;
 use super::pointwise::{Pointwise, Roles, Solution};
@@ -42,11 +43,12 @@ impl Noisy {
         minima.extend(descents(&flips(&self.template.points, &minima.first()?.pose)));
         minima.sort_by(|a, b| a.energy.total_cmp(&b.energy));
         let mut starts: Vec<Isometry3<f64>> = Vec::new();
-        for minimum in &minima {
-            if starts.len() < START_MAX_COUNT && starts.iter().all(|other| distinct(other, &minimum.pose)) {
-                starts.push(minimum.pose);
-            }
-        }
+        add_distinct(
+            &mut starts,
+            minima.iter().map(|minimum| minimum.pose),
+            START_MAX_COUNT,
+            distinct,
+        );
         // A third of the points tells most of them apart, in a tenth of the time.
         let thin = Pointwise::new(&thinned(&self.template), &thinned(&self.reference), self.roles)?;
         let noise = START_NOISE_FACTOR * self.scatter;

@@ -1,14 +1,13 @@
 //! A conversation with the robot outside of a run: one command, one answer.
 
+use super::clock::Clock;
+use super::datagrams::DATAGRAM_BYTES;
 use super::live::RobotPlace;
 use super::robot_wire::RobotWire;
 use crate::controller::Input;
 use crate::robot::{Command, Exchange, ExchangeSettings, Reply, RobotEvent, RobotOutput};
-use crate::stamp::Stamp;
-use std::time::Duration;
 use thiserror::Error;
 use tokio::sync::mpsc;
-use tokio::time::Instant;
 
 /// A conversation with the robot.
 pub struct Conversation {
@@ -16,7 +15,7 @@ pub struct Conversation {
     wire: RobotWire,
     news_sender: mpsc::Sender<Input>,
     news: mpsc::Receiver<Input>,
-    began: Instant,
+    clock: Clock,
     /// Why the connection ended last.
     lost: Option<String>,
 }
@@ -68,7 +67,7 @@ impl Conversation {
             wire,
             news_sender,
             news,
-            began: Instant::now(),
+            clock: Clock::start(),
             lost: None,
         })
     }
@@ -79,23 +78,20 @@ impl Conversation {
     ///
     /// The robot refuses, nobody answers, or what is spoken has no words for it.
     pub async fn say(&mut self, command: Command) -> Result<Reply, ConversationError> {
-        self.exchange.say(self.now(), command);
+        self.exchange.say(self.clock.now(), command);
         let mut datagram = vec![0u8; DATAGRAM_BYTES];
         loop {
             self.carry_out().await;
             if let Some(result) = self.take_events() {
                 return result;
             }
-            let wake = self
-                .exchange
-                .wake_at()
-                .map(|stamp| self.began + Duration::from_nanos(stamp.ns));
+            let wake = self.exchange.wake_at();
             let input = tokio::select! {
                 input = self.wire.recv(&mut datagram) => input,
                 Some(input) = self.news.recv() => input,
-                () = sleep_until(wake) => Input::Wake,
+                () = self.clock.sleep_until(wake) => Input::Wake,
             };
-            let now = self.now();
+            let now = self.clock.now();
             match input {
                 Input::RobotBytes(bytes) => self.exchange.handle_bytes(now, &bytes),
                 Input::RobotConnected => self.exchange.handle_connected(now),
@@ -144,20 +140,6 @@ impl Conversation {
         }
         None
     }
-
-    fn now(&self) -> Stamp {
-        Stamp {
-            ns: self.began.elapsed().as_nanos() as u64,
-        }
-    }
-}
-
-pub(super) async fn sleep_until(wake: Option<Instant>) {
-    match wake {
-        Some(wake) => tokio::time::sleep_until(wake).await,
-        None => std::future::pending().await,
-    }
 }
 
 const NEWS_MAX: usize = 32;
-const DATAGRAM_BYTES: usize = 2048;

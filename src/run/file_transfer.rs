@@ -1,6 +1,7 @@
 //! One file to or from the controller, outside of a run.
 
-use super::conversation::sleep_until;
+use super::clock::Clock;
+use super::datagrams::{self, DATAGRAM_BYTES};
 use super::live::RobotPlace;
 use super::wires::{self, Place};
 use crate::controller::Input;
@@ -9,11 +10,9 @@ use crate::robot::hses::{FileEvent, FileSettings, Files};
 use crate::robot::{FileCommand, Refusal, RobotOutput};
 use crate::stamp::Stamp;
 use std::net::SocketAddr;
-use std::time::Duration;
 use thiserror::Error;
 use tokio::net::UdpSocket;
 use tokio::sync::mpsc;
-use tokio::time::Instant;
 
 /// Why a file has not gone its way. Of a file that was to go to the controller nothing is known then: look at the list.
 #[derive(Debug, Error)]
@@ -89,14 +88,10 @@ async fn over_hses(
     command: FileCommand,
 ) -> Result<Transferred, TransferError> {
     let wire = |error: std::io::Error| TransferError::Wire(format!("{address}: {error}"));
-    let local: SocketAddr = if address.is_ipv4() {
-        ([0, 0, 0, 0], 0).into()
-    } else {
-        ([0u16; 8], 0).into()
-    };
-    let socket = UdpSocket::bind(local).await.map_err(wire)?;
-    socket.connect(address).await.map_err(wire)?;
-    let began = Instant::now();
+    let socket = datagrams::connected(address)
+        .and_then(UdpSocket::from_std)
+        .map_err(wire)?;
+    let clock = Clock::start();
     let mut files = Files::new(settings);
     files.begin(Stamp::START, command).expect("nothing is open yet");
     let mut datagram = vec![0u8; DATAGRAM_BYTES];
@@ -112,13 +107,12 @@ async fn over_hses(
                 return result;
             }
         }
-        let wake = files.wake_at().map(|stamp| began + Duration::from_nanos(stamp.ns));
         tokio::select! {
             received = socket.recv(&mut datagram) => {
                 let length = received.map_err(wire)?;
-                files.handle_datagram(stamp(began), &datagram[..length]);
+                files.handle_datagram(clock.now(), &datagram[..length]);
             }
-            () = sleep_until(wake) => files.handle_wake(stamp(began)),
+            () = clock.sleep_until(files.wake_at()) => files.handle_wake(clock.now()),
         }
     }
 }
@@ -139,7 +133,7 @@ async fn over_serial(place: Place, command: FileCommand) -> Result<Transferred, 
     let what = command.name();
     let (news_sender, mut news) = mpsc::channel(NEWS_MAX);
     let outgoing = wires::open(place, wires::ROBOT, news_sender);
-    let began = Instant::now();
+    let clock = Clock::start();
     let mut link = SerialLink::new(SerialSettings::default());
     link.transfer(Stamp::START, &command)
         .map_err(|error| TransferError::Unsayable(format!("the serial line: {error}")))?;
@@ -159,15 +153,14 @@ async fn over_serial(place: Place, command: FileCommand) -> Result<Transferred, 
                 LinkEvent::Progress { .. } | LinkEvent::Dropped { .. } | LinkEvent::Lost { .. } => {}
             }
         }
-        let wake = link.wake_at().map(|stamp| began + Duration::from_nanos(stamp.ns));
         tokio::select! {
             input = news.recv() => match input {
-                Some(Input::RobotBytes(bytes)) => link.handle_bytes(stamp(began), &bytes),
+                Some(Input::RobotBytes(bytes)) => link.handle_bytes(clock.now(), &bytes),
                 Some(Input::RobotClosed { reason }) => return Err(TransferError::Wire(reason)),
                 Some(_) => {}
                 None => return Err(TransferError::Wire("the serial line has ended".into())),
             },
-            () = sleep_until(wake) => link.handle_wake(stamp(began)),
+            () = clock.sleep_until(link.wake_at()) => link.handle_wake(clock.now()),
         }
     }
 }
@@ -179,11 +172,4 @@ fn refused(what: &'static str, refusal: Refusal) -> TransferError {
     }
 }
 
-fn stamp(began: Instant) -> Stamp {
-    Stamp {
-        ns: began.elapsed().as_nanos() as u64,
-    }
-}
-
-const DATAGRAM_BYTES: usize = 2048;
 const NEWS_MAX: usize = 32;

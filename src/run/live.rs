@@ -1,7 +1,8 @@
 //! A run on real sockets: the one loop around [`Controller`].
 
+use super::clock::Clock;
 use super::console::Console;
-use super::conversation::sleep_until;
+use super::datagrams::DATAGRAM_BYTES;
 use super::journal_file::{JournalError, JournalFile};
 use super::pool::Pool;
 use super::robot_wire::RobotWire;
@@ -16,10 +17,8 @@ use std::fs::OpenOptions;
 use std::io::{self, Write as _};
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 use thiserror::Error;
 use tokio::sync::mpsc;
-use tokio::time::Instant;
 
 /// Where the devices are.
 #[derive(Debug, Clone)]
@@ -131,7 +130,7 @@ pub async fn run(live: Live<'_>) -> Result<Outcome, LiveError> {
     let (robot, _guard) = RobotWire::open(&live.links.robot, &news)?;
     let (finished, finished_jobs) = mpsc::unbounded_channel();
     let shell = Shell {
-        began: Instant::now(),
+        clock: Clock::start(),
         robot,
         camera: CameraWire::default(),
         news,
@@ -146,7 +145,7 @@ pub async fn run(live: Live<'_>) -> Result<Outcome, LiveError> {
 
 struct Shell<'a> {
     live: Live<'a>,
-    began: Instant,
+    clock: Clock,
     robot: RobotWire,
     camera: CameraWire,
     news: mpsc::Sender<Input>,
@@ -166,16 +165,12 @@ impl Shell<'_> {
         self.handle(Input::Begin).await;
         let mut datagram = vec![0u8; DATAGRAM_BYTES];
         while !self.live.controller.is_over() {
-            let wake = self
-                .live
-                .controller
-                .wake_at()
-                .map(|stamp| self.began + Duration::from_nanos(stamp.ns));
+            let wake = self.live.controller.wake_at();
             let input = tokio::select! {
                 biased;
                 Some(command) = self.live.commands.recv() => Input::Operator(command),
                 input = self.robot.recv(&mut datagram) => input,
-                () = sleep_until(wake) => Input::Wake,
+                () = self.clock.sleep_until(wake) => Input::Wake,
                 Some(input) = finished_jobs.recv() => input,
                 Some(input) = stream_news.recv() => input,
                 Some(input) = self.camera.recv() => input,
@@ -187,7 +182,7 @@ impl Shell<'_> {
 
     /// One input: recorded, handled, and everything that follows from it done.
     async fn handle(&mut self, input: Input) {
-        let now = self.now();
+        let now = self.clock.now();
         self.record(now, input_record(now, &input));
         self.live.controller.handle_input(now, input);
         while let Some(output) = self.live.controller.poll_output() {
@@ -299,12 +294,6 @@ impl Shell<'_> {
             }),
         }
     }
-
-    fn now(&self) -> Stamp {
-        Stamp {
-            ns: self.began.elapsed().as_nanos() as u64,
-        }
-    }
 }
 
 fn write_new(path: &Path, bytes: &[u8]) -> Result<(), LiveError> {
@@ -319,6 +308,4 @@ fn write_new(path: &Path, bytes: &[u8]) -> Result<(), LiveError> {
     })
 }
 
-/// Datagrams of HSES are at most 511 bytes; room for more shows foreign ones whole.
-const DATAGRAM_BYTES: usize = 2048;
 const NEWS_MAX: usize = 32;

@@ -1,7 +1,9 @@
 //! The shell: sockets, timers, the pool, files and the console. It moves bytes and decides nothing.
 
+mod clock;
 mod console;
 mod conversation;
+mod datagrams;
 mod file_transfer;
 mod hold_on_panic;
 mod journal_file;

@@ -1,5 +1,6 @@
 //! The wire to the robot: datagrams, a TCP connection, or a serial line.
 
+use super::datagrams;
 use super::hold_on_panic::HoldOnPanic;
 use super::live::{LiveError, RobotPlace};
 use super::wires::{self, Place};
@@ -29,14 +30,7 @@ impl RobotWire {
         let stream = |place, outgoing| Self::Stream { place, outgoing };
         Ok(match place {
             RobotPlace::Hses(address) => {
-                let local: SocketAddr = if address.is_ipv4() {
-                    ([0, 0, 0, 0], 0).into()
-                } else {
-                    ([0u16; 8], 0).into()
-                };
-                let socket = std::net::UdpSocket::bind(local).map_err(LiveError::Socket)?;
-                socket.connect(address).map_err(LiveError::Socket)?;
-                socket.set_nonblocking(true).map_err(LiveError::Socket)?;
+                let socket = datagrams::connected(*address).map_err(LiveError::Socket)?;
                 let guard = HoldOnPanic::new(socket.try_clone().map_err(LiveError::Socket)?);
                 let socket = UdpSocket::from_std(socket).map_err(LiveError::Socket)?;
                 let address = *address;

@@ -55,10 +55,17 @@ pub enum Target {
 /// Where the robot is.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum RobotAddress {
-    /// On the network: its High-Speed Ethernet Server (UDP) or its host control (TCP), as [`RobotLink::protocol`] says.
-    Network(HostPort),
+    /// Its High-Speed Ethernet Server, UDP.
+    Hses(HostPort),
+    /// Its host control, TCP.
+    HostControl(HostPort),
     /// At the end of a serial cable.
-    SerialDevice(PathBuf),
+    Serial {
+        /// The path of the port.
+        device: PathBuf,
+        /// Bits per second, 150 to 115,200.
+        baud: u32,
+    },
 }
 
 /// What is spoken with the robot.
@@ -249,20 +256,27 @@ impl Station {
 
 fn target(source: &Source, written: &StationFile) -> Result<Target, SettingsError> {
     let (robot, camera) = (&written.robot, &written.camera);
-    let serial = matches!(robot.link, LinkFile::Serial);
-    let place = if serial { &robot.serial_device } else { &robot.address };
+    let place = match robot.link {
+        LinkFile::Serial => &robot.serial_device,
+        LinkFile::Hses | LinkFile::HostControl => &robot.address,
+    };
     // A simulated cell that the caller starts chooses its ports itself; one that runs elsewhere has addresses.
     if matches!(written.kind, KindFile::Simulated) && place.is_none() && camera.address.is_none() {
         return Ok(Target::Simulated);
     }
-    let robot = match (serial, place) {
-        (true, Some(device)) => RobotAddress::SerialDevice(PathBuf::from(device.get_ref())),
-        (true, None) => {
+    let network = || host_port(source, "robot.address", place, "192.168.1.31:10040");
+    let robot = match (&robot.link, place) {
+        (LinkFile::Hses, _) => RobotAddress::Hses(network()?),
+        (LinkFile::HostControl, _) => RobotAddress::HostControl(network()?),
+        (LinkFile::Serial, Some(device)) => RobotAddress::Serial {
+            device: PathBuf::from(device.get_ref()),
+            baud: robot.serial_baud,
+        },
+        (LinkFile::Serial, None) => {
             let message = "`robot.serial_device` is missing: a serial link needs the port's path".to_owned();
             let help = Some("for example \"/dev/ttyUSB0\"".to_owned());
             return Err(source.error_at_key("robot.serial_device", message, help));
         }
-        (false, _) => RobotAddress::Network(host_port(source, "robot.address", place, "192.168.1.31:10040")?),
     };
     let camera = host_port(source, "camera.address", &camera.address, "127.0.0.1:50555")?;
     Ok(match written.kind {

@@ -88,10 +88,10 @@ pub(super) async fn main(args: &Args, link: &Link, json: bool) -> Result<Exit, F
         }
         What::Delete { job } => {
             match &link.place {
-                RobotPlace::Hses(_) => {
+                RobotPlace::Hses(_) | RobotPlace::Serial { .. } => {
                     files(args, link, FileCommand::Delete(file_name(job)?)).await?;
                 }
-                _ => {
+                RobotPlace::HostControl(_) => {
                     let job = job_name(job)?;
                     let mut robot = Conversation::open(&link.place, exchange_settings(&link.station))?;
                     robot.say(Command::DeleteJob { job }).await?;
@@ -104,11 +104,13 @@ pub(super) async fn main(args: &Args, link: &Link, json: bool) -> Result<Exit, F
 
 async fn list(args: &Args, link: &Link, json: bool) -> Result<Exit, Failure> {
     let mut names = match &link.place {
-        RobotPlace::Hses(_) => match files(args, link, FileCommand::List(FileEnding::Jbi)).await? {
-            Transferred::Names(names) => names,
-            _ => return Err(other_answer("list")),
-        },
-        _ => {
+        RobotPlace::Hses(_) | RobotPlace::Serial { .. } => {
+            match files(args, link, FileCommand::List(FileEnding::Jbi)).await? {
+                Transferred::Names(names) => names,
+                _ => return Err(other_answer("list")),
+            }
+        }
+        RobotPlace::HostControl(_) => {
             let mut robot = Conversation::open(&link.place, exchange_settings(&link.station))?;
             match robot.say(Command::JobNames).await? {
                 Reply::JobNames(names) => names,

@@ -121,9 +121,7 @@ impl Place {
                 device: device.clone(),
                 baud: self.baud,
             },
-            (_, Target::Cell { robot, .. } | Target::SimulatedAt { robot, .. }) => {
-                robot_place(robot, station.robot.protocol)?
-            }
+            (_, Target::Cell { robot, .. } | Target::SimulatedAt { robot, .. }) => robot_place(robot)?,
             (_, Target::Simulated) => {
                 return Err(Failure::Usage(
                     "say where the robot is: --station, --hses, --host-control or --serial".into(),

@@ -160,11 +160,6 @@ impl Arm {
         self.ask_status(now);
     }
 
-    /// Starts a straight way to the target of this index. Only while the arm stands ready.
-    pub fn move_to(&mut self, now: Stamp, target_index: usize) {
-        self.set_out(now, target_index);
-    }
-
     /// Stops the arm. Waits for nothing; [`ArmEvent::Held`] confirms.
     pub fn hold(&mut self, now: Stamp) {
         if matches!(

@@ -34,7 +34,8 @@ enum Said {
 }
 
 impl Arm {
-    pub(super) fn set_out(&mut self, now: Stamp, target_index: usize) {
+    /// Starts a straight way to the target of this index. Only while the arm stands ready.
+    pub fn move_to(&mut self, now: Stamp, target_index: usize) {
         let target = self.targets[target_index];
         let from = self.last_pose.unwrap_or(target);
         let speed = self.speed(&from, &target);
