@@ -66,6 +66,8 @@ struct Tally {
     unlike_count: u64,
     longest_ns: u64,
     rows: BTreeMap<(String, Option<Phase>), Row>,
+    /// Seeds of the runs that stopped with each fault.
+    stopped_seeds: BTreeMap<&'static str, Vec<u64>>,
     wrongs: Vec<(u64, String)>,
 }
 
@@ -190,6 +192,10 @@ impl Tally {
             };
             rows.insert(key, row);
         }
+        let stopped_seeds = match outcome.ended {
+            Ended::Fault(name) => BTreeMap::from([(name, vec![setup.seed])]),
+            Ended::Finished | Ended::Hung => BTreeMap::new(),
+        };
         let faults: Vec<String> = setup.faults.iter().map(ToString::to_string).collect();
         let about = |wrong: String| (setup.seed, format!("{wrong} ({})", faults.join(" ")));
         Self {
@@ -204,6 +210,7 @@ impl Tally {
             unlike_count: 0,
             longest_ns: outcome.end_ns,
             rows,
+            stopped_seeds,
             wrongs: outcome.wrongs().into_iter().map(about).collect(),
         }
     }
@@ -221,6 +228,9 @@ impl Tally {
         self.longest_ns = self.longest_ns.max(other.longest_ns);
         for (key, row) in other.rows {
             self.rows.entry(key).or_default().add(row);
+        }
+        for (code, seeds) in other.stopped_seeds {
+            self.stopped_seeds.entry(code).or_default().extend(seeds);
         }
         self.wrongs.extend(other.wrongs);
         self
@@ -263,6 +273,15 @@ impl Tally {
             self.unlike_count,
             self.longest_ns as f64 * 1e-9
         )?;
+        for (code, seeds) in &self.stopped_seeds {
+            let first: Vec<String> = seeds.iter().take(SEEDS_SHOWN_MAX).map(ToString::to_string).collect();
+            writeln!(
+                out,
+                "{code}: {} runs, the first with seeds {}",
+                seeds.len(),
+                first.join(", ")
+            )?;
+        }
         for (seed, wrong) in self.wrongs.iter().take(WRONG_SHOWN_MAX) {
             writeln!(out, "seed {seed}: {wrong}")?;
         }
@@ -290,6 +309,7 @@ const ON_VIRTUAL_TIME: Spans = Spans {
     other_max_s: 12.0,
 };
 const WRONG_SHOWN_MAX: usize = 20;
+const SEEDS_SHOWN_MAX: usize = 8;
 /// Every such run is made twice.
 const REPEATED_EVERY: u64 = 20;
 
