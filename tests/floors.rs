@@ -83,7 +83,10 @@ fn library() -> Vec<(String, String, String)> {
                 .unwrap()
                 .trim_end_matches(".rs")
                 .to_owned();
-            if matches!(module.as_str(), "lib" | "main" | "vectors") || inside.ends_with("tests.rs") {
+            if matches!(module.as_str(), "lib" | "main" | "vectors")
+                || inside.ends_with("tests.rs")
+                || inside.iter().any(|part| part == "tests")
+            {
                 return None;
             }
             let text = std::fs::read_to_string(path).unwrap();
