@@ -1,6 +1,5 @@
 //! Events: what happened in a run, for the journal, the console and the report.
 
-use crate::camera::ClockEstimate;
 use crate::fault::Fault;
 use serde::{Deserialize, Serialize};
 
@@ -115,7 +114,13 @@ pub enum Event {
     /// The camera is armed again.
     CameraRearmed,
     /// How the camera's clock stands to the run's.
-    CameraClock { estimate: ClockEstimate },
+    CameraClock {
+        /// Camera time less run time, ns, right to half the round trip.
+        offset_ns: i64,
+        round_trip_ns: u64,
+        /// How much faster the camera's clock runs, parts in a million; `None` until it can be told.
+        skew_ppm: Option<f64>,
+    },
     /// A datagram from the robot answered nothing that was open.
     DatagramDropped { reason: String },
     /// Something worth recording that changes nothing.
@@ -302,13 +307,15 @@ impl Event {
                 format!("waiting for the camera, {} s at most: {reason}", seconds(*within_ms))
             }
             Self::CameraRearmed => "camera armed again".into(),
-            Self::CameraClock { estimate } => format!(
+            Self::CameraClock {
+                offset_ns,
+                round_trip_ns,
+                skew_ppm,
+            } => format!(
                 "camera clock: {:.3} ms ahead, round trip {:.3} ms{}",
-                estimate.offset_ns as f64 * 1e-6,
-                estimate.round_trip_ns as f64 * 1e-6,
-                estimate
-                    .skew_ppm
-                    .map_or(String::new(), |skew_ppm| format!(", {skew_ppm:+.1} ppm fast"))
+                *offset_ns as f64 * 1e-6,
+                *round_trip_ns as f64 * 1e-6,
+                skew_ppm.map_or(String::new(), |skew_ppm| format!(", {skew_ppm:+.1} ppm fast"))
             ),
             Self::DatagramDropped { reason } => format!("robot datagram dropped: {reason}"),
             Self::Noted { text } => text.clone(),

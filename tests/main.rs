@@ -6,6 +6,7 @@ mod camera;
 mod camera_server;
 mod cli;
 mod conformance;
+mod exposures;
 mod faults;
 mod floors;
 mod register;

@@ -52,7 +52,7 @@ tool_from_blade = { position_mm = [0, 0, 400], rotation_deg = [0, 0, 0] }
 "#;
 
 /// The error of [`RECIPE`] with `from` replaced by `to`.
-fn recipe_error(from: &str, to: &str) -> SettingsError {
+pub fn recipe_error(from: &str, to: &str) -> SettingsError {
     assert!(RECIPE.contains(from), "{from}");
     Recipe::parse("probe.toml", &RECIPE.replace(from, to)).unwrap_err()
 }
@@ -131,7 +131,7 @@ fn a_recipe_is_read_into_millimetres_and_radians() {
         y_px: 0,
     };
     assert_eq!(recipe.camera.roi, whole_sensor);
-    assert_eq!(recipe.camera.hdr_low_us, None);
+    assert_eq!(recipe.camera.exposure.hdr_low_us, None);
     assert_eq!(recipe.registration.start, Start::Robot);
     assert!((recipe.registration.prior_rotation_max_rad - FRAC_PI_2 / 45.0).abs() < 1e-15);
     assert_eq!(recipe.merge.overlap_min, OverlapMin::Fraction(0.5));
@@ -512,7 +512,7 @@ fn every_optional_key_of_a_recipe_is_heard() {
     };
     assert_eq!(recipe.camera.roi, roi);
     assert_eq!(
-        (recipe.camera.hdr_low_us, recipe.camera.hdr_high_us),
+        (recipe.camera.exposure.hdr_low_us, recipe.camera.exposure.hdr_high_us),
         (Some(10), Some(50_000))
     );
     assert_eq!(recipe.registration.overlap_distance_mm, 0.3);

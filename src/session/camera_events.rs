@@ -26,11 +26,19 @@ impl Session {
             }
             CameraEvent::Frame(capture) => {
                 self.camera_failures_in_a_row = 0;
-                self.handle_capture(now, capture);
+                if self.warmth.refuses(capture.trigger_id) {
+                    self.handle_failure(now, "taken before the camera was warm".into(), true);
+                } else {
+                    self.handle_capture(now, capture);
+                }
             }
-            CameraEvent::Cold { trigger_id } => {
+            CameraEvent::Cold { trigger_id } => self.handle_cold(trigger_id),
+            CameraEvent::TriggerRefused { trigger_id, reason } => {
+                if let Stage::Exposing(standing) = self.stage {
+                    self.stage = Stage::AtTarget(standing);
+                }
                 self.note(format!(
-                    "view {} was taken before the camera was warm",
+                    "view {}: nothing was exposed ({reason}); it is triggered again when the camera is ready",
                     trigger_id.view_index()
                 ));
             }
@@ -54,12 +62,19 @@ impl Session {
             }),
             CameraEvent::Waiting { reason, within_ms } => self.emit(Event::CameraWaiting { reason, within_ms }),
             CameraEvent::Rearmed => self.emit(Event::CameraRearmed),
-            CameraEvent::Clock(estimate) => self.emit(Event::CameraClock { estimate }),
-            CameraEvent::Status(status) => self.emit(Event::CameraCondition {
-                state: status.state as u8,
-                temperature_c: status.temperature_c,
-                missed_count: status.missed_count,
+            CameraEvent::Clock(estimate) => self.emit(Event::CameraClock {
+                offset_ns: estimate.offset_ns,
+                round_trip_ns: estimate.round_trip_ns,
+                skew_ppm: estimate.skew_ppm,
             }),
+            CameraEvent::Status(status) => {
+                self.emit(Event::CameraCondition {
+                    state: status.state as u8,
+                    temperature_c: status.temperature_c,
+                    missed_count: status.missed_count,
+                });
+                self.handle_warm_up(now, &status);
+            }
             CameraEvent::Note(text) => self.note(text),
             CameraEvent::Lost(trouble) => {
                 self.camera_done = true;

@@ -47,7 +47,8 @@ pub(super) fn arm_settings(station: &Station) -> ArmSettings {
     }
 }
 
-pub(super) fn camera_times(station: &Station) -> camera::ExchangeSettings {
+/// The times and bounds of the conversation with the station's camera.
+pub fn camera_times(station: &Station) -> camera::ExchangeSettings {
     let camera = &station.camera;
     camera::ExchangeSettings {
         connect_timeout_ms: ms(camera.connect_timeout_ns),
@@ -60,9 +61,10 @@ pub(super) fn camera_times(station: &Station) -> camera::ExchangeSettings {
     }
 }
 
-/// What a recipe asks of the camera.
-pub fn camera_settings(recipe: &Recipe) -> camera::CameraSettings {
+/// What a recipe asks of the camera for one view.
+pub fn camera_settings(recipe: &Recipe, view_index: usize) -> camera::CameraSettings {
     let camera = &recipe.camera;
+    let exposure = camera.exposure_of(view_index);
     let (binning, roi_px) = match camera.roi {
         Roi::Binned => (true, [1440, 1080, 0, 0, 0, 0]),
         Roi::Rectangle {
@@ -75,9 +77,9 @@ pub fn camera_settings(recipe: &Recipe) -> camera::CameraSettings {
     camera::CameraSettings {
         binning,
         roi_px,
-        exposure_us: camera.exposure_us,
+        exposure_us: exposure.exposure_us,
         image_count: camera.image_count,
-        hdr_us: [camera.hdr_low_us.unwrap_or(0), camera.hdr_high_us.unwrap_or(0)],
+        hdr_us: [exposure.hdr_low_us.unwrap_or(0), exposure.hdr_high_us.unwrap_or(0)],
         compression: camera.compression as u8,
         led_percent: camera.led_percent,
         frame_time_ratio: camera.frame_time_ratio,

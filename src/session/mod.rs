@@ -4,7 +4,7 @@
 //! |---|---|---|---|
 //! | opening | hold, abort | identity question; camera greeting, settings, arm; then servo on | both ready |
 //! | to target | hold, abort | move to the next pose, if the backlog has room | arrival |
-//! | at target | hold, abort | trigger, once the last frame is in | exposure done |
+//! | at target | hold, abort | trigger, once the last frame is in and the camera is armed with the view's settings, and warm if it must be | exposure done |
 //! | exposing | hold, abort | nothing | exposure done: the arm may go to the next pose while the frame comes |
 //! | (camera away) | hold, abort | the camera is connected again by its own conversation; the arm stays if an exposure is not known to be over, else goes on as far as it can | armed again: as before; given up: fault |
 //! | held | resume, abort | nothing but status questions | resume: hold off, servo on, the interrupted move anew |
@@ -15,9 +15,10 @@ mod camera_events;
 mod devices;
 mod frames;
 mod identity;
+mod warmth;
 
 pub use arm::{Arm, ArmEvent, ArmSettings, JobSettings, Motion};
-pub use devices::{camera_settings, exchange_settings};
+pub use devices::{camera_settings, camera_times, exchange_settings};
 
 use crate::camera::{self, CameraOutput, Capture, TriggerId};
 use crate::event::{Ending, Event, HoldBy};
@@ -27,10 +28,11 @@ use crate::robot::RobotOutput;
 use crate::seed::Seed;
 use crate::settings::{Recipe, Station, Target as StationTarget};
 use crate::stamp::{Stamp, earlier};
-use devices::{arm_settings, camera_times};
+use devices::arm_settings;
 use nalgebra::Isometry3;
 use std::collections::VecDeque;
 use std::sync::Arc;
+use warmth::Warmth;
 
 /// A frame with the pose at which it was taken.
 #[derive(Debug, Clone, PartialEq)]
@@ -66,6 +68,9 @@ pub enum SessionEvent {
 pub struct Session {
     arm: Arm,
     camera: camera::Exchange,
+    /// The camera's settings for each view.
+    view_settings: Vec<camera::CameraSettings>,
+    warmth: Warmth,
     wanted: Wanted,
     stage: Stage,
     robot_known: bool,
@@ -129,12 +134,15 @@ impl Session {
         let targets = (0..plan.len())
             .map(|view_index| Target { view_index, attempt: 0 })
             .collect();
+        let view_settings: Vec<_> = (0..plan.len()).map(|view| camera_settings(recipe, view)).collect();
         Self {
             arm: Arm::new(
                 arm_settings(station),
                 plan.iter().map(|view| view.base_from_tool).collect(),
             ),
-            camera: camera::Exchange::new(camera_times(station), run_id, seed, vec![camera_settings(recipe)]),
+            camera: camera::Exchange::new(camera_times(station), run_id, seed, view_settings.clone()),
+            view_settings,
+            warmth: Warmth::new(recipe.camera.warm_up),
             wanted: Wanted {
                 simulated: !matches!(station.target, StationTarget::Cell { .. }),
                 optics: recipe.camera.optics.name(),
@@ -280,6 +288,7 @@ impl Session {
     pub fn handle_wake(&mut self, now: Stamp) {
         self.arm.handle_wake(now);
         self.camera.handle_wake(now);
+        self.watch_warmth(now);
         self.handle_events(now);
     }
 
@@ -287,6 +296,10 @@ impl Session {
     pub fn advance(&mut self, now: Stamp, backlog_count: usize) {
         if self.ending.is_some() || self.hold != Hold::No {
             return;
+        }
+        if let Some(target) = self.targets.front() {
+            // Set while the arm is on its way; the camera does it as soon as it has no frame to send any more.
+            self.camera.want(now, self.view_settings[target.view_index]);
         }
         match self.stage {
             Stage::Opening | Stage::Moving(_) | Stage::Exposing(_) => {}
@@ -309,7 +322,7 @@ impl Session {
                     self.stage = Stage::ToTarget;
                     return self.advance(now, backlog_count);
                 }
-                if self.awaited.is_none() && self.camera.is_armed() {
+                if self.awaited.is_none() && self.camera.is_armed() && self.warmth.is_enough() {
                     let Target { view_index, attempt } = standing.target;
                     self.stage = Stage::Exposing(standing);
                     self.camera.trigger(now, TriggerId::new(view_index as u32, attempt));
@@ -321,7 +334,8 @@ impl Session {
 
     /// When [`Self::handle_wake`] wants to be called next.
     pub fn wake_at(&self) -> Option<Stamp> {
-        earlier(self.arm.wake_at(), self.camera.wake_at())
+        let camera = earlier(self.camera.wake_at(), self.warmth.wake_at());
+        earlier(self.arm.wake_at(), camera)
     }
 
     /// The next thing to do for the robot.

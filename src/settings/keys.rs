@@ -7,7 +7,8 @@ use std::fmt;
 /// One key that a file may have.
 #[derive(Debug, Clone, Copy)]
 pub struct Key {
-    /// The tables and the key, joined by dots: `camera.exposure_us`.
+    /// The tables and the key, joined by dots: `camera.exposure_us`. A table that may stand several times (`[[table]]`) ends
+    /// in `[]`; its keys have no defaults.
     pub path: &'static str,
     /// What values it takes.
     pub kind: Kind,
@@ -28,6 +29,8 @@ pub enum Kind {
     Integer(Range),
     /// A number.
     Number(Range),
+    /// Whole numbers, one or more.
+    IntegerList(Range),
     /// This many whole numbers.
     Integers(usize, Range),
     /// This many numbers.
@@ -78,9 +81,11 @@ impl Key {
     /// The unit as the documents print it, empty when there is none.
     pub fn unit(&self) -> &'static str {
         match self.kind {
-            Kind::Integer(range) | Kind::Number(range) | Kind::Integers(_, range) | Kind::Numbers(_, range) => {
-                range.unit
-            }
+            Kind::Integer(range)
+            | Kind::Number(range)
+            | Kind::IntegerList(range)
+            | Kind::Integers(_, range)
+            | Kind::Numbers(_, range) => range.unit,
             Kind::Text(_) | Kind::Choice(_) | Kind::Toggle => "",
         }
     }
@@ -105,7 +110,9 @@ impl Key {
                 .join(", "),
             Kind::Toggle => "true, false".to_owned(),
             Kind::Integer(range) | Kind::Number(range) => bare(range).to_string(),
-            Kind::Integers(_, range) | Kind::Numbers(_, range) => format!("each {}", bare(range)),
+            Kind::IntegerList(range) | Kind::Integers(_, range) | Kind::Numbers(_, range) => {
+                format!("each {}", bare(range))
+            }
         }
     }
 
@@ -116,6 +123,7 @@ impl Key {
             Kind::Toggle => "true or false".to_owned(),
             Kind::Integer(_) => "a whole number".to_owned(),
             Kind::Number(_) => "a number".to_owned(),
+            Kind::IntegerList(_) => "a list of one or more whole numbers".to_owned(),
             Kind::Integers(count, _) => format!("a list of {count} whole numbers"),
             Kind::Numbers(count, _) => format!("a list of {count} numbers"),
         }
@@ -168,6 +176,11 @@ pub const RECIPE_KEYS: &[Key] = &[
         "\"standard\"",
     ),
     default("camera.points_min", integer(1.0, 1_555_200.0, ""), "5000"),
+    default("camera.warm_up", Kind::Choice(&["note", "wait", "refuse"]), "\"note\""),
+    required("camera.exposure[].views", integer_list(0.0, 719.0, "")),
+    required("camera.exposure[].exposure_us", integer(10.0, 50_000.0, "us")),
+    optional("camera.exposure[].hdr_low_us", integer(10.0, 50_000.0, "us"), "off"),
+    optional("camera.exposure[].hdr_high_us", integer(10.0, 50_000.0, "us"), "off"),
     default("cleaning.outlier_sigma", number(3.0, 100.0, ""), "5.0"),
     default("cleaning.patch_max_px", integer(0.0, 10_000.0, "px"), "400"),
     default("cleaning.incidence_max_deg", number(30.0, 90.0, "deg"), "75.0"),
@@ -304,6 +317,10 @@ const fn integer(min: f64, max: f64, unit: &'static str) -> Kind {
 
 const fn number(min: f64, max: f64, unit: &'static str) -> Kind {
     Kind::Number(Range { min, max, unit })
+}
+
+const fn integer_list(min: f64, max: f64, unit: &'static str) -> Kind {
+    Kind::IntegerList(Range { min, max, unit })
 }
 
 const fn integers(count: usize, min: f64, max: f64, unit: &'static str) -> Kind {

@@ -1,5 +1,6 @@
 //! Recipes: what is measured, and how.
 
+use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::path::PathBuf;
 
@@ -11,7 +12,7 @@ use super::error::SettingsError;
 use super::keys::RECIPE_KEYS;
 use super::source::Source;
 use super::station::name_is_plain;
-use super::written::{CameraFile, MergeFile, RecipeFile, RegistrationFile, ViewsFile};
+use super::written::{CameraFile, ExposureFile, MergeFile, RecipeFile, RegistrationFile, ViewsFile};
 use crate::cleaning;
 use crate::reconstruction::OverlapMin;
 
@@ -76,12 +77,10 @@ pub struct CameraSettings {
     pub optics: Optics,
     /// Which part of the sensor is read.
     pub roi: Roi,
-    /// Exposure of one image in µs, 10 to 50,000.
-    pub exposure_us: u32,
-    /// Exposure of an additional dark pass in µs, 10 to 50,000.
-    pub hdr_low_us: Option<u32>,
-    /// Exposure of an additional bright pass in µs, 10 to 50,000.
-    pub hdr_high_us: Option<u32>,
+    /// Exposures of the views that have none of their own.
+    pub exposure: Exposure,
+    /// Views with exposures of their own.
+    pub view_exposures: BTreeMap<usize, Exposure>,
     /// Pattern images for one frame, 12 to 60.
     pub image_count: u16,
     /// LED brightness, 1 to 100 %; above 25 % the camera inserts thermal pauses.
@@ -102,6 +101,38 @@ pub struct CameraSettings {
     pub working_volume: WorkingVolume,
     /// A frame with fewer valid points is taken again; 1 to 1,555,200.
     pub points_min: u32,
+    /// What a camera that is not warm yet means.
+    pub warm_up: WarmUp,
+}
+
+impl CameraSettings {
+    /// The exposures of one view.
+    pub fn exposure_of(&self, view_index: usize) -> Exposure {
+        self.view_exposures.get(&view_index).copied().unwrap_or(self.exposure)
+    }
+}
+
+/// How long the sensor sees each pattern, pass by pass.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Exposure {
+    /// Exposure of one image in µs, 10 to 50,000.
+    pub exposure_us: u32,
+    /// Exposure of an additional dark pass in µs, 10 to 50,000.
+    pub hdr_low_us: Option<u32>,
+    /// Exposure of an additional bright pass in µs, 10 to 50,000.
+    pub hdr_high_us: Option<u32>,
+}
+
+/// What a camera that is not warm yet means: its frames drift.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum WarmUp {
+    /// It is said once.
+    Note,
+    /// Nothing is triggered before it is warm.
+    Wait,
+    /// The run ends.
+    Refuse,
 }
 
 /// Which part of the sensor is read.
@@ -232,7 +263,7 @@ impl Recipe {
         let source = Source::new(file_name, text, RECIPE_KEYS);
         let written: RecipeFile = source.written()?;
         let views = views(&source, &written.views)?;
-        let camera = camera_settings(&source, written.camera)?;
+        let camera = camera_settings(&source, written.camera, views.count)?;
         let registration = registration(&written.registration, &camera);
         Ok(Self {
             name: name_is_plain(&source, "name", written.name)?,
@@ -296,13 +327,16 @@ fn cad(source: &Source, written: &Spanned<String>) -> Result<Cad, SettingsError>
     .map_err(|message| source.error_in_value("blade.cad", written.span(), message.to_owned()))
 }
 
-fn camera_settings(source: &Source, written: CameraFile) -> Result<CameraSettings, SettingsError> {
+fn camera_settings(source: &Source, written: CameraFile, view_count: u32) -> Result<CameraSettings, SettingsError> {
     Ok(CameraSettings {
         optics: written.optics,
         roi: roi(source, written.binning, written.roi_px.as_ref())?,
-        exposure_us: written.exposure_us,
-        hdr_low_us: written.hdr_low_us,
-        hdr_high_us: written.hdr_high_us,
+        exposure: Exposure {
+            exposure_us: written.exposure_us,
+            hdr_low_us: written.hdr_low_us,
+            hdr_high_us: written.hdr_high_us,
+        },
+        view_exposures: view_exposures(source, &written.exposure, view_count)?,
         image_count: written.image_count,
         led_percent: written.led_percent,
         compression: written.compression,
@@ -313,7 +347,40 @@ fn camera_settings(source: &Source, written: CameraFile) -> Result<CameraSetting
         pre_filtering: written.pre_filtering,
         working_volume: written.working_volume,
         points_min: written.points_min,
+        warm_up: written.warm_up,
     })
+}
+
+fn view_exposures(
+    source: &Source,
+    written: &[ExposureFile],
+    view_count: u32,
+) -> Result<BTreeMap<usize, Exposure>, SettingsError> {
+    let mut exposures = BTreeMap::new();
+    for entry in written {
+        let exposure = Exposure {
+            exposure_us: entry.exposure_us,
+            hdr_low_us: entry.hdr_low_us,
+            hdr_high_us: entry.hdr_high_us,
+        };
+        for view in &entry.views {
+            let view_index = *view.get_ref();
+            let wrong = if view_index >= view_count {
+                Some(format!(
+                    "names view {view_index}, but there are {view_count} views, from 0"
+                ))
+            } else if exposures.insert(view_index as usize, exposure).is_some() {
+                Some(format!("names view {view_index} a second time"))
+            } else {
+                None
+            };
+            if let Some(wrong) = wrong {
+                let message = format!("`camera.exposure[].views` {wrong}");
+                return Err(source.error(view.span(), message, None));
+            }
+        }
+    }
+    Ok(exposures)
 }
 
 fn roi(source: &Source, binning: bool, written: Option<&Spanned<[u16; 4]>>) -> Result<Roi, SettingsError> {

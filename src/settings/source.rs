@@ -82,8 +82,41 @@ impl Source {
                     return Err(self.error(value.span(), message, Some(self.names_in(&path))));
                 };
                 self.check_table(inner, &path)?;
+            } else if self.is_table(&format!("{path}[]")) {
+                self.check_tables(&path, value)?;
             } else {
                 return Err(self.unknown_key(table_path, name));
+            }
+        }
+        Ok(())
+    }
+
+    /// A table that may stand several times.
+    fn check_tables(&self, path: &str, value: &Spanned<DeValue<'_>>) -> Result<(), SettingsError> {
+        let table_path = format!("{path}[]");
+        let elements = match value.get_ref() {
+            DeValue::Array(elements) => elements.iter().collect(),
+            _ => vec![value],
+        };
+        for element in elements {
+            let DeValue::Table(table) = element.get_ref() else {
+                let found = kind_in_words(element.get_ref());
+                let message = format!("`{path}` must be tables, each headed [[{path}]], not {found}");
+                return Err(self.error(element.span(), message, Some(self.names_in(&table_path))));
+            };
+            if !value.get_ref().is_array() {
+                let message = format!("`{path}` may stand several times: write [[{path}]]");
+                return Err(self.error(value.span(), message, None));
+            }
+            self.check_table(table, &table_path)?;
+            for key in self.required_keys() {
+                let name = key
+                    .path
+                    .strip_prefix(&table_path)
+                    .and_then(|rest| rest.strip_prefix('.'));
+                if name.is_some_and(|name| !has_key(table, name)) {
+                    return Err(self.missing_key(key, element.span()));
+                }
             }
         }
         Ok(())
@@ -107,8 +140,15 @@ impl Source {
             | (Kind::Number(range), DeValue::Integer(_) | DeValue::Float(_)) => {
                 self.check_range(key.path, range, value)
             }
-            (Kind::Integers(count, range) | Kind::Numbers(count, range), DeValue::Array(elements)) => {
-                let whole = matches!(key.kind, Kind::Integers(..));
+            (
+                Kind::IntegerList(range) | Kind::Integers(_, range) | Kind::Numbers(_, range),
+                DeValue::Array(elements),
+            ) => {
+                let whole = !matches!(key.kind, Kind::Numbers(..));
+                let count = match key.kind {
+                    Kind::Integers(count, _) | Kind::Numbers(count, _) => count,
+                    _ => elements.len().max(1),
+                };
                 let fits = |element: &DeValue<'_>| element.is_integer() || (!whole && element.is_float());
                 if elements.len() != count {
                     let message = format!("`{}` must be {}, not {}", key.path, key.kind_text(), elements.len());
@@ -146,14 +186,21 @@ impl Source {
     }
 
     fn check_required(&self, root: &DeTable<'_>) -> Result<(), SettingsError> {
-        for key in self.keys.iter().filter(|key| key.need == Need::Required) {
+        for key in self.required_keys().filter(|key| !key.path.contains("[]")) {
             if !has_key(root, key.path) {
-                let message = format!("`{}` is missing: it must be {}", key.path, key.kind_text());
-                let span = span_of_key(root, key.path);
-                return Err(self.error(span, message, Some(key.allowed_text())));
+                return Err(self.missing_key(key, span_of_key(root, key.path)));
             }
         }
         Ok(())
+    }
+
+    fn required_keys(&self) -> impl Iterator<Item = &'static Key> {
+        self.keys.iter().filter(|key| key.need == Need::Required)
+    }
+
+    fn missing_key(&self, key: &Key, span: Span<usize>) -> SettingsError {
+        let message = format!("`{}` is missing: it must be {}", key.path, key.kind_text());
+        self.error(span, message, Some(key.allowed_text()))
     }
 
     fn unknown_key(&self, table_path: &str, name: &Spanned<std::borrow::Cow<'_, str>>) -> SettingsError {
@@ -176,7 +223,10 @@ impl Source {
         let names = self.child_names(table_path).join(", ");
         match table_path {
             "" => format!("keys of the file: {names}"),
-            path => format!("keys of [{path}]: {names}"),
+            path => match path.strip_suffix("[]") {
+                Some(path) => format!("keys of [[{path}]]: {names}"),
+                None => format!("keys of [{path}]: {names}"),
+            },
         }
     }
 
@@ -188,7 +238,7 @@ impl Source {
                 "" => Some(key.path),
                 path => key.path.strip_prefix(path).and_then(|rest| rest.strip_prefix('.')),
             };
-            let name = below.map(|below| below.split('.').next().unwrap_or(below));
+            let name = below.map(|below| below.split('.').next().unwrap_or(below).trim_end_matches("[]"));
             names.extend(name.filter(|name| !names.contains(name)));
         }
         names

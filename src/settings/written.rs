@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Translation3};
 use serde::Deserialize;
 use toml::Spanned;
 
-use super::recipe::{Compression, Optics, OutlierFilter, Start, WorkingVolume};
+use super::recipe::{Compression, Optics, OutlierFilter, Start, WarmUp, WorkingVolume};
 use crate::geometry::rotation_from_fixed_xyz;
 
 /// A recipe file.
@@ -60,6 +60,19 @@ pub(super) struct CameraFile {
     pub(super) pre_filtering: u8,
     pub(super) working_volume: WorkingVolume,
     pub(super) points_min: u32,
+    pub(super) warm_up: WarmUp,
+    #[serde(default)]
+    pub(super) exposure: Vec<ExposureFile>,
+}
+
+/// Other exposures for some views.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ExposureFile {
+    pub(super) views: Vec<Spanned<u32>>,
+    pub(super) exposure_us: u32,
+    pub(super) hdr_low_us: Option<u32>,
+    pub(super) hdr_high_us: Option<u32>,
 }
 
 #[derive(Deserialize)]

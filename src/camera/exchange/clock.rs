@@ -1,11 +1,10 @@
 //! How the device's clock stands to the run's: offset and drift, from the answers to our pings.
 
 use crate::stamp::Stamp;
-use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
 /// What is known of the device's clock.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ClockEstimate {
     /// Device time less run time, ns, right to half the round trip.
     pub offset_ns: i64,

@@ -67,6 +67,10 @@ impl Flight {
         self.trigger_id.0 == trigger_id || (self.phase == Phase::Acknowledge && self.request_id == request_id)
     }
 
+    pub(super) fn is_unacknowledged(&self) -> bool {
+        self.phase == Phase::Acknowledge
+    }
+
     /// The connection is gone, and with it what had come of the frame.
     pub(super) fn interrupt(&mut self) {
         let exposed = matches!(self.phase, Phase::Frame | Phase::Fetch { exposed: true });
@@ -116,6 +120,15 @@ impl Exchange {
         }
     }
 
+    /// The open acquisition never began.
+    pub(super) fn refuse(&mut self, reason: String) {
+        if let Some(flight) = self.flight.take() {
+            let trigger_id = flight.trigger_id;
+            self.events
+                .push_back(CameraEvent::TriggerRefused { trigger_id, reason });
+        }
+    }
+
     /// ABORT, DISARM, CONFIGURE, ARM: a state that does not depend on what happened before.
     pub(super) fn start_over(&mut self, now: Stamp) {
         self.in_force = None;
@@ -138,6 +151,7 @@ impl Exchange {
                     );
                     return self.start_over(now);
                 }
+                self.patience_until = None;
                 flight.phase = Phase::Exposure;
                 flight.due = now.plus_ms(with_slack_ms(accepted.predicted_exposure_us) + EXPOSURE_EXTRA_MS);
                 let frame_ms = with_slack_ms(accepted.predicted_total_us) + flight.transfer_ms(extra_ms);

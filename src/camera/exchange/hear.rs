@@ -3,9 +3,10 @@
 use super::clock::Clock;
 use super::offered::unmet;
 use super::report::Trouble;
-use super::trouble::words;
+use super::trouble::{is_passing, words};
 use super::{Exchange, Request, Stage};
-use crate::camera::message::{CameraError, Caps, Configured, Greeting, ServerMessage};
+use crate::camera::code;
+use crate::camera::message::{CameraError, Caps, ClientMessage, Configured, Greeting, ServerMessage};
 use crate::camera::settings::difference;
 use crate::camera::wire::WireFrame;
 use crate::stamp::Stamp;
@@ -92,7 +93,9 @@ impl Exchange {
             return self.give_up(Trouble::Settings(text));
         }
         self.caps = Some(caps);
+        // Early answers tell the clocks apart, and how warm the camera is, before the first exposure.
         self.link.hurry_ping(now);
+        self.say(&ClientMessage::GetStatus);
         if self.flight.is_some() {
             self.ask(now, Request::Fetch);
         } else {
@@ -123,7 +126,11 @@ impl Exchange {
                 self.handle_refusal(now, request, error);
             }
             (_, Some(flight)) if flight.is_named(error.trigger_id, request_id) => {
-                self.fail(words(&error), error.retryable || error.code < 300);
+                if flight.is_unacknowledged() && is_passing(&error) && error.code >= code::DEVICE_ABNORMAL {
+                    self.refuse(words(&error));
+                } else {
+                    self.fail(words(&error), error.retryable || error.code < 300);
+                }
                 // A request that is out has its own answer, and what follows follows from that.
                 if !matches!(self.stage, Stage::Asking { .. }) {
                     self.recover(now, &error);

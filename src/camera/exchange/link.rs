@@ -40,7 +40,7 @@ impl Link {
         self.ping_due.min(self.last_heard.plus_ms(dead_after_ms))
     }
 
-    /// The next ping goes out now: an early answer tells the clocks apart before the first exposure.
+    /// The next ping goes out now.
     pub(super) fn hurry_ping(&mut self, now: Stamp) {
         self.ping_due = now;
     }
@@ -67,6 +67,7 @@ impl Exchange {
         let stands = matches!(self.stage, Stage::Standing) && self.armed;
         if stands && now >= self.armed_since.plus_ms(self.times.dead_after_ms) {
             self.outage = None;
+            self.patience_until = None;
         }
     }
 

@@ -57,6 +57,8 @@ pub struct Exchange {
     broken_transfers: u32,
     outage: Option<Outage>,
     patience: Option<Patience>,
+    /// The bound of the last wait, until a trigger is taken or the camera has been armed for a while.
+    patience_until: Option<Stamp>,
     /// Attempts to bring a server that is in an unexpected state back, since it was last armed.
     remedies: u32,
     greeting: Option<Greeting>,
@@ -130,6 +132,7 @@ impl Exchange {
             broken_transfers: 0,
             outage: None,
             patience: None,
+            patience_until: None,
             remedies: 0,
             greeting: None,
             caps: None,
@@ -340,9 +343,12 @@ impl Exchange {
     fn stand(&mut self) {
         self.stage = Stage::Standing;
         self.remedies = 0;
-        let waited = self.patience.take().is_some();
+        let waited = self.patience.take();
+        if let Some(patience) = &waited {
+            self.patience_until = Some(patience.until());
+        }
         if self.presented {
-            if waited {
+            if waited.is_some() {
                 self.events.push_back(CameraEvent::Rearmed);
             }
             return;

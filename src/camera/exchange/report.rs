@@ -61,6 +61,13 @@ pub enum CameraEvent {
         /// Which acquisition.
         trigger_id: TriggerId,
     },
+    /// The device could not take this trigger. Nothing was exposed; once armed again, the same may be triggered again.
+    TriggerRefused {
+        /// Which acquisition.
+        trigger_id: TriggerId,
+        /// Why, in words.
+        reason: String,
+    },
     /// This acquisition gave no frame; the conversation goes on.
     Failed {
         /// Which acquisition.

@@ -35,6 +35,10 @@ impl Patience {
     pub(super) fn is_for_device(&self) -> bool {
         self.for_device
     }
+
+    pub(super) fn until(&self) -> Stamp {
+        self.until
+    }
 }
 
 impl Exchange {
@@ -44,6 +48,7 @@ impl Exchange {
         self.armed = false;
         self.in_force = None;
         self.patience = None;
+        self.patience_until = None;
         if let Some(flight) = &mut self.flight {
             flight.interrupt();
             self.broken_transfers += 1;
@@ -135,6 +140,7 @@ impl Exchange {
             (Request::Configure | Request::Arm | Request::Disarm, _) if is_passing(&error) => {
                 self.wait_after(now, &error);
             }
+            (_, code::DEVICE_ABNORMAL) => self.give_up(Trouble::NotReady(words(&error))),
             _ => self.give_up(Trouble::Refused(error)),
         }
     }
@@ -142,7 +148,7 @@ impl Exchange {
     /// An error has ended the open acquisition: what has to be done before the next.
     pub(super) fn recover(&mut self, now: Stamp, error: &CameraError) {
         match error.code {
-            code::DEVICE_ABNORMAL if !error.retryable => self.give_up(Trouble::Refused(error.clone())),
+            code::DEVICE_ABNORMAL if !error.retryable => self.give_up(Trouble::NotReady(words(error))),
             code::DEVICE_LOST | code::RESET_IN_PROGRESS | code::OVER_TEMPERATURE | code::IN_USE_BY_OTHER_PROCESS => {
                 self.wait_after(now, error);
             }
@@ -175,7 +181,8 @@ impl Exchange {
     /// Waits for the device. The bound stands from the first reason on; only a device that goes moves it, a few times.
     fn be_patient(&mut self, now: Stamp, reason: String, within_ms: u64, for_device: bool, again: Stamp) {
         self.in_force = None;
-        let until = now.plus_ms(within_ms);
+        // Armed in between, but no trigger was taken: the same wait goes on.
+        let until = self.patience_until.take().unwrap_or(now.plus_ms(within_ms));
         match &mut self.patience {
             Some(patience) => {
                 patience.again = again;
@@ -195,6 +202,7 @@ impl Exchange {
                     again,
                     gone_count: u32::from(for_device),
                 });
+                let within_ms = until.ms_since(now);
                 self.events.push_back(CameraEvent::Waiting { reason, within_ms });
             }
         }
@@ -303,7 +311,7 @@ impl Exchange {
 }
 
 /// Whether waiting may mend what the error says.
-fn is_passing(error: &CameraError) -> bool {
+pub(super) fn is_passing(error: &CameraError) -> bool {
     error.retryable
         || matches!(
             error.code,

@@ -105,7 +105,7 @@ impl Place {
 fn wanted(recipe: Option<&Path>, caps: &Caps) -> Result<(CameraSettings, Option<Recipe>), Failure> {
     if let Some(path) = recipe {
         let recipe = read_recipe(path)?.meaning;
-        return Ok((camera_settings(&recipe), Some(recipe)));
+        return Ok((camera_settings(&recipe, 0), Some(recipe)));
     }
     let lowest = |mask: u32| mask.trailing_zeros().min(31) as u8;
     let points = ComponentKind::Xyz.bit() | ComponentKind::Intensity.bit() | ComponentKind::Mask.bit();

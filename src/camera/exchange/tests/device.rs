@@ -145,3 +145,37 @@ fn a_trigger_refused_for_its_state_sets_everything_anew() {
     assert_eq!(bench.take_said(), ["abort", "disarm", "configure", "arm"]);
     assert!(bench.exchange.is_armed());
 }
+
+#[test]
+fn a_trigger_that_the_device_cannot_take_is_no_failed_view_and_is_waited_for_once() {
+    let mut bench = Bench::armed();
+    let mut refused = 0;
+    while bench.lost().is_none() {
+        if bench.exchange.is_armed() {
+            bench.exchange.trigger(bench.now(), TRIGGER);
+            bench.pump();
+            let (request_id, _) = bench.heard.pop().unwrap();
+            bench.reply(request_id, &error(TRIGGER, code::IN_USE_BY_OTHER_PROCESS, 0));
+            refused += 1;
+            let told = CameraEvent::TriggerRefused {
+                trigger_id: TRIGGER,
+                reason: "camera error 503: in_use_by_other_process".into(),
+            };
+            assert!(bench.events.contains(&told));
+        }
+        bench.pass_ms(500);
+        if bench.lost().is_none() {
+            bench.say(&status(CameraState::Armed));
+            bench.serve();
+        }
+    }
+    assert!(
+        bench
+            .events
+            .iter()
+            .all(|event| !matches!(event, CameraEvent::Failed { .. }))
+    );
+    assert!(matches!(bench.lost(), Some(Trouble::NotReady(text)) if text.contains("503")));
+    assert!((50..=61).contains(&refused), "{refused}");
+    assert!((60_000..61_000).contains(&bench.ms), "{}", bench.ms);
+}
