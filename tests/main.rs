@@ -1,6 +1,7 @@
 //! All integration tests of the root package, in one binary.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the message")]
 
+mod bridge;
 mod camera;
 mod camera_server;
 mod cli;

@@ -19,6 +19,7 @@ pub mod scene;
 pub mod score;
 pub mod shell;
 pub mod truth;
+pub mod vendor;
 
 #[cfg(test)]
 mod test_client;

@@ -46,7 +46,7 @@ enum Command {
     Register(register::Args),
     /// Look at the robot, without a run: nothing moves.
     Robot(robot::Args),
-    /// Look at the camera, or test a bridge to one, without a run.
+    /// Look at the camera, test a bridge to one, or be one, without a run.
     Camera(camera::Args),
     /// The simulated cell on its own: `sim --help` lists its commands.
     #[cfg(feature = "sim")]

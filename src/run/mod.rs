@@ -1,5 +1,6 @@
 //! The shell: sockets, timers, the pool, files and the console. It moves bytes and decides nothing.
 
+mod bridge;
 mod camera_lines;
 mod clock;
 mod console;
@@ -15,6 +16,7 @@ mod robot_wire;
 mod simulated;
 mod wires;
 
+pub use bridge::{BridgeError, BridgeReport, serve_bridge};
 pub use camera_lines::camera_lines;
 pub use console::Console;
 pub use conversation::{Conversation, ConversationError};

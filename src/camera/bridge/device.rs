@@ -26,6 +26,11 @@ pub(super) enum Device {
 impl Bridge {
     /// The vendor's side runs, or has connected.
     pub fn handle_vendor_started(&mut self, now: Stamp) {
+        if self.device == Device::Present {
+            // A second one has taken the place of the first.
+            let text = "another program took the place of the vendor's side";
+            self.lose_device(now, Device::Lost, 0, code::DEVICE_LOST, text);
+        }
         self.device = Device::Starting {
             due: now.plus_ms(self.ready_timeout_ms),
         };

@@ -86,7 +86,8 @@ impl Flight {
             Stage::Reconstructing => 0,
         };
         [exposure_us, self.in_force.predicted_total_us]
-            .map(|predicted_us| (u64::from(predicted_us) + paused_us).saturating_sub(gone_us) as u32)
+            .map(|predicted_us| (u64::from(predicted_us) + paused_us).saturating_sub(gone_us))
+            .map(|remaining_us| u32::try_from(remaining_us).unwrap_or(u32::MAX))
     }
 
     /// When the vendor's side is late, shortly before the client would say so. A frame's conversion has no limit of its

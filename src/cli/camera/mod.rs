@@ -1,5 +1,6 @@
 //! `bladescan camera`: looking at the camera, and at a bridge to one, without a run.
 
+mod bridge;
 mod conformance;
 mod frame;
 mod hello;
@@ -59,6 +60,9 @@ enum What {
         after_help = "Example:\n  bladescan camera conformance 127.0.0.1:50555 --allow-exposures\n\nNo observer and no controller may be connected meanwhile. Exit code 0 only when no clause failed."
     )]
     Conformance(conformance::Args),
+    /// Serve A3DP/1 on the vision PC, with the vendor's software behind it. Ctrl-C ends it.
+    #[command(after_help = "Example:\n  bladescan camera bridge config/bridges/a5000.toml")]
+    Bridge(bridge::Args),
 }
 
 pub(super) fn main(args: &Args) -> Result<Exit, Failure> {
@@ -68,6 +72,7 @@ pub(super) fn main(args: &Args) -> Result<Exit, Failure> {
         What::Frame(frame) => frame::main(frame, args.json),
         What::Watch(watch) => watch::main(watch, args.json),
         What::Conformance(conformance) => conformance::main(conformance, args.json),
+        What::Bridge(bridge) => bridge::main(bridge, args.json),
     }
 }
 

@@ -2,8 +2,9 @@
 
 use super::*;
 
-#[test]
-fn the_exchange_of_a_run_gets_its_frame_from_the_bridge() {
+/// Three seconds of a run's own conversation with the bridge, which triggers once; the connection is cut at `cut_ms`.
+/// The vendor's side exposes for 40 ms and has the frame after 200 ms.
+fn a_run(cut_ms: Option<u64>) -> (Vec<CameraEvent>, usize) {
     let mut bench = Bench::new();
     let times = ExchangeSettings {
         connect_timeout_ms: 3000,
@@ -14,36 +15,49 @@ fn the_exchange_of_a_run_gets_its_frame_from_the_bridge() {
         reconnect_timeout_ms: 60_000,
         device_timeout_ms: 60_000,
     };
-    let mut exchange = Exchange::new(times, 1, crate::seed::Seed(3), vec![SETTINGS]);
+    let mut exchange = Exchange::new(times, RUN, Seed(3), vec![SETTINGS]);
     exchange.open(at(0));
-    assert_eq!(exchange.poll_output(), Some(CameraOutput::Connect));
-    let id = ConnectionId(1);
-    bench.bridge.handle_connected(at(0), id, "here");
-    exchange.handle_connected(at(0));
-    let mut events = Vec::new();
+    let (mut events, mut acquired_ms, mut id) = (Vec::new(), None, ConnectionId(0));
     for ms in 1..3000 {
         let now = at(ms);
         bench.bridge.handle_wake(now);
         exchange.handle_wake(now);
+        if cut_ms == Some(ms) {
+            bench.bridge.handle_closed(now, id);
+            exchange.handle_closed(now, "the cable is out");
+        }
+        if acquired_ms.is_some_and(|began| ms == began + 40) {
+            bench.bridge.handle_line(now, r#"{"is":"exposed","acquisition":1}"#);
+        }
+        if acquired_ms.is_some_and(|began| ms == began + 200) {
+            bench
+                .bridge
+                .handle_line(now, r#"{"is":"frame","acquisition":1,"esm":"a"}"#);
+        }
         while let Some(output) = exchange.poll_output() {
-            if let CameraOutput::Bytes { bytes, .. } = output {
-                bench.bridge.handle_bytes(now, id, &bytes);
+            match output {
+                CameraOutput::Connect => {
+                    id = ConnectionId(id.0 + 1);
+                    bench.bridge.handle_connected(now, id, "here");
+                    exchange.handle_connected(now);
+                }
+                CameraOutput::Bytes { bytes, .. } => bench.bridge.handle_bytes(now, id, &bytes),
+                CameraOutput::Close => bench.bridge.handle_closed(now, id),
             }
         }
         while let Some(output) = bench.bridge.poll_output() {
             match output {
-                BridgeOutput::Bytes { connection, bytes } => {
+                BridgeOutput::Bytes { connection, bytes } if connection == id => {
                     exchange.handle_bytes(now, &bytes);
                     bench.bridge.handle_written(now, connection, bytes.len());
                 }
                 BridgeOutput::Line(line) if line.contains("configure") => {
-                    bench.bridge.handle_line(now, r#"{"is":"configured","config_id":1}"#);
+                    let config_id = bench.bridge.next_config_id - 1;
+                    let line = format!(r#"{{"is":"configured","config_id":{config_id}}}"#);
+                    bench.bridge.handle_line(now, &line);
                 }
                 BridgeOutput::Line(line) if line.contains("acquire") => {
-                    bench.bridge.handle_line(now, r#"{"is":"exposed","acquisition":1}"#);
-                    bench
-                        .bridge
-                        .handle_line(now, r#"{"is":"frame","acquisition":1,"esm":"a"}"#);
+                    assert_eq!(acquired_ms.replace(ms), None, "nothing is exposed twice");
                 }
                 BridgeOutput::Convert(_) => bench.bridge.handle_picture(now, 1, Ok(picture(7.0))),
                 _ => {}
@@ -56,16 +70,30 @@ fn the_exchange_of_a_run_gets_its_frame_from_the_bridge() {
             events.push(event);
         }
     }
-    let frames: Vec<_> = events
-        .iter()
-        .filter_map(|event| match event {
-            CameraEvent::Frame(capture) => Some(capture),
-            _ => None,
-        })
-        .collect();
-    assert_eq!(frames.len(), 1, "{events:?}");
-    assert_eq!(frames[0].grid_mm()[PIXELS - 1], [7.0; 3]);
-    assert!(exchange.is_armed());
+    assert!(exchange.is_armed(), "{events:?}");
+    let frames = events.iter().filter(|event| match event {
+        CameraEvent::Frame(capture) => {
+            assert_eq!(capture.grid_mm()[PIXELS - 1], [7.0; 3]);
+            true
+        }
+        _ => false,
+    });
+    let frame_count = frames.count();
+    (events, frame_count)
+}
+
+#[test]
+fn the_conversation_of_a_run_gets_its_frame_from_the_bridge() {
+    let (events, frame_count) = a_run(None);
+    assert_eq!(frame_count, 1, "{events:?}");
+}
+
+#[test]
+fn a_connection_cut_at_any_moment_costs_no_exposure_and_no_frame() {
+    for cut_ms in (2..260).step_by(6) {
+        let (events, frame_count) = a_run(Some(cut_ms));
+        assert_eq!(frame_count, 1, "cut at {cut_ms} ms: {events:?}");
+    }
 }
 
 #[test]

@@ -121,3 +121,16 @@ fn the_vendors_side_is_started_anew_after_its_end() {
     bench.run(at(2100));
     assert_eq!(bench.starts, 2);
 }
+
+#[test]
+fn a_vendors_side_that_takes_anothers_place_begins_without_settings() {
+    let mut bench = Bench::armed();
+    bench.ask(at(10), 0, &trigger(1));
+    bench.bridge.handle_vendor_started(at(20));
+    bench.run(at(20));
+    let heard = bench.heard(0);
+    assert_eq!(error_of(&heard[1..]).code, 501);
+    assert_eq!(bench.bridge.state(), CameraState::Offline);
+    bench.say_vendor(at(30), r#"{"is":"ready","vendor":"V","model":"M","serial":"S"}"#);
+    assert_eq!(bench.bridge.state(), CameraState::Idle);
+}

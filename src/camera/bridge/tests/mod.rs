@@ -1,6 +1,7 @@
 //! The bridge in virtual time: clients on one side, lines of the vendor's side on the other.
 
 mod acquisitions;
+mod conformance;
 mod device;
 mod sessions;
 
@@ -14,6 +15,7 @@ use crate::camera::wire::{FLAG_ERROR, FLAG_LAST, FLAG_REPLY, FrameReader, FrameW
 use crate::camera::{
     Assembly, CameraEvent, CameraOutput, CameraSettings, Exchange, ExchangeSettings, FrameEnd, FrameStatus,
 };
+use crate::seed::Seed;
 
 const SETTINGS: CameraSettings = CameraSettings {
     binning: false,

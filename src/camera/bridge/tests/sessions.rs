@@ -1,6 +1,7 @@
 //! Connections, roles, refusals.
 
 use super::*;
+use proptest::prelude::*;
 
 #[test]
 fn each_request_gets_what_the_page_says_in_each_state() {
@@ -299,4 +300,48 @@ fn a_client_that_takes_nothing_of_its_frame_is_cut_off_and_the_frame_is_stored()
         matches!(bench.ask(at(5002), back, &fetch(1)), ServerMessage::FetchOk(found) if found.state == FetchState::Stored)
     );
     assert_eq!(bench.heard(back).len(), 2 + 18 + 2 + 2);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn no_message_and_no_line_makes_it_panic(
+        messages in prop::collection::vec(
+            (prop::sample::select(vec![1u16, 3, 0x10, 0x12, 0x13, 0x20, 0x33, 0x40, 0x50, 0x60, 0x61, 0x70, 0x7F, 0x99]),
+             prop::collection::vec(prop_oneof![Just(0u8), Just(1), Just(2), any::<u8>()], 0..48), 0u16..4),
+            0..12,
+        ),
+        lines in prop::collection::vec(
+            prop_oneof![
+                (any::<u32>(), any::<u32>()).prop_map(|(a, b)| format!(
+                    r#"{{"is":"configured","config_id":1,"predicted_exposure_us":{a},"predicted_total_us":{b}}}"#
+                )),
+                Just(r#"{"is":"exposed","acquisition":1}"#.to_owned()),
+                Just(r#"{"is":"frame","acquisition":1,"esm":"a"}"#.to_owned()),
+                any::<u32>().prop_map(|ms| format!(r#"{{"is":"pause","duration_ms":{ms}}}"#)),
+                any::<u32>().prop_map(|ms| format!(r#"{{"is":"lost","duration_ms":{ms},"text":""}}"#)),
+                Just(r#"{"is":"ready","vendor":"V","model":"M","serial":"S"}"#.to_owned()),
+                ".{0,40}",
+            ],
+            0..12,
+        ),
+    ) {
+        let mut bench = Bench::armed();
+        bench.send(at(0), 0, &trigger(1));
+        for (step, (kind, payload, flags)) in messages.iter().enumerate() {
+            let client = bench.connect(at(step as u64));
+            bench.send(at(step as u64), client, &ClientMessage::Hello(Hello::controller(RUN, "test")));
+            let id = bench.clients[client].id;
+            let bytes = bench.clients[client].writer.write_with(*kind, 2, *flags, |bytes| bytes.extend_from_slice(payload));
+            bench.bridge.handle_bytes(at(step as u64), id, &bytes);
+            bench.run(at(step as u64));
+            if let Some(line) = lines.get(step) {
+                bench.say_vendor(at(step as u64), line);
+            }
+            let wake = bench.bridge.wake_at().unwrap_or(at(0));
+            bench.bridge.handle_wake(wake);
+            bench.run(wake);
+        }
+    }
 }
