@@ -284,8 +284,12 @@ impl ViewFigures {
     }
 }
 
-fn seconds(ms: u64) -> f64 {
-    ms as f64 * 1e-3
+/// Seconds, with a decimal where there is one to show.
+fn seconds(ms: u64) -> String {
+    match ms % 1000 {
+        0 => (ms / 1000).to_string(),
+        _ => format!("{:.1}", ms as f64 * 1e-3),
+    }
 }
 
 fn named(view_index: usize, attempt: u16) -> String {

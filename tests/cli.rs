@@ -163,7 +163,7 @@ fn a_fault_that_there_is_not_is_answered_with_the_list_and_leaves_no_folder() {
         2,
         &[
             "no fault is called \"gremlins\"",
-            "\n  camera-gone@VIEW ",
+            "\n  camera-gone@VIEW[:PHASE] ",
             "\n  elsewhere=MM@MOVE ",
         ],
     );

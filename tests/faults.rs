@@ -59,12 +59,19 @@ fn assert_ends_before_the_first_move(name: &str, fault: &str, code: &str, seen: 
 }
 
 #[test]
-fn a_camera_gone_in_mid_frame_ends_the_run_and_keeps_what_was_merged() {
+fn a_camera_gone_in_mid_frame_is_connected_again_and_its_frame_is_fetched() {
     let bench = Bench::new("faults-camera-gone");
     let ended = bench.dry_run(3, &["--fault", "camera-gone@1"]);
-    assert_faulted(&bench, &ended, "camera-lost", "the camera closed the connection");
-    assert_kept_the_first_view(&bench);
-    assert_eq!(bench.statuses("out"), ["merged", "missing", "missing"]);
+    ended.expect(
+        0,
+        &[
+            "camera lost: the camera closed the connection; connecting again, for 60 s at most",
+            "camera back after ",
+            "fetching the frame of view 1",
+            "3 of 3 views merged",
+        ],
+    );
+    assert_eq!(bench.read_json("out/summary.json")["views"][1]["retakes"], 0);
 }
 
 #[test]
@@ -308,15 +315,31 @@ fn a_cell_that_dies_while_the_arm_is_held_ends_the_run() {
     cell.kill();
     let ended = run.end();
     bench.holds_a_whole_run("out", 4);
-    assert_faulted(&bench, &ended, "camera-lost", "");
+    assert_faulted(&bench, &ended, "camera-unreachable", "tried again for ");
     assert_kept_the_first_view(&bench);
 }
 
 #[test]
-fn a_camera_that_falls_silent_is_named() {
-    let bench = Bench::new("faults-camera-silent");
+fn a_camera_that_falls_silent_is_connected_again_and_its_frame_is_fetched() {
+    let bench = Bench::new("faults-camera-silent-once");
     let cell = Simulator::start(&bench, "cell", &["--speed=1000", "--fault=camera-silent@1"]);
     let ended = run_at(&bench, &station(cell.robot(), cell.camera()), 3);
+    let said = [
+        "nothing heard for 1000 ms",
+        "fetching the frame of view 1",
+        "3 of 3 views merged",
+    ];
+    ended.expect(0, &said);
+    assert_eq!(bench.read_json("out/summary.json")["views"][1]["retakes"], 0);
+}
+
+#[test]
+fn a_camera_that_falls_silent_and_is_not_to_be_connected_again_is_named() {
+    let bench = Bench::new("faults-camera-silent");
+    let cell = Simulator::start(&bench, "cell", &["--speed=1000", "--fault=camera-silent@1"]);
+    let station =
+        station(cell.robot(), cell.camera()).replace("reconnect_timeout_ms = 1000", "reconnect_timeout_ms = 0");
+    let ended = run_at(&bench, &station, 3);
     assert_faulted(&bench, &ended, "camera-silent", "nothing heard for 1000 ms");
     assert_kept_the_first_view(&bench);
 }

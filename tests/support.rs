@@ -362,7 +362,9 @@ impl Simulator {
 pub fn station(robot: &str, camera: &str) -> String {
     let text = Station::BUILTIN_SIMULATED_TEXT;
     let robot_keys = format!("[robot]\naddress = \"{robot}\"\nanswer_timeout_ms = 100\nhold_timeout_ms = 300");
-    let camera_keys = format!("[camera]\naddress = \"{camera}\"\nping_interval_ms = 200\ndead_after_ms = 1000\n");
+    let camera_keys = format!(
+        "[camera]\naddress = \"{camera}\"\nping_interval_ms = 200\ndead_after_ms = 1000\nreconnect_timeout_ms = 1000\n"
+    );
     let with_robot = text.replace("[robot]", &robot_keys);
     assert_ne!(with_robot, text);
     with_robot + "\n" + &camera_keys

@@ -458,7 +458,7 @@ fn a_hold_at_the_pendant_stops_the_run_until_it_is_released_there_and_resumed_he
 #[test]
 fn every_fault_of_the_cell_ends_in_its_name_or_is_overcome() {
     for (fault, expected) in [
-        ("camera-gone@1", "camera-lost"),
+        ("camera-gone@1", "none"),
         ("camera-error=405@1", "none"),
         ("corrupt-chunk@1", "none"),
         ("empty-frame@1", "none"),
@@ -498,5 +498,28 @@ fn a_frame_taken_again_has_an_attempt_of_its_own() {
     pair.drive(|_| None);
     let attempts: Vec<u16> = pair.controller.views().iter().map(|view| view.attempt).collect();
     assert_eq!(attempts, [0, 1, 0]);
+    pair.replay();
+}
+
+#[test]
+fn a_connection_lost_in_mid_frame_is_opened_again_and_the_frame_fetched_without_a_second_exposure() {
+    let mut pair = Pair::new(3, &["camera-gone@1"], 0.0, 1);
+    assert_eq!(pair.drive(|_| None), Ending::Finished);
+    assert_eq!(pair.merged_count(), 3);
+    let count = |wanted: &dyn Fn(&Event) -> bool| pair.events.iter().filter(|(_, event)| wanted(event)).count();
+    assert_eq!(count(&|event| matches!(event, Event::Triggered { .. })), 3);
+    assert_eq!(count(&|event| matches!(event, Event::CameraAway { .. })), 1);
+    let fetched = |event: &Event| {
+        matches!(
+            event,
+            Event::CameraBack {
+                restarted: false,
+                fetched_view_index: Some(1),
+                ..
+            }
+        )
+    };
+    assert_eq!(count(&fetched), 1);
+    assert_eq!(pair.connection, 2);
     pair.replay();
 }

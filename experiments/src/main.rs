@@ -4,6 +4,7 @@ mod bench;
 mod bound;
 mod bsc;
 mod camera;
+mod camera_faults;
 mod cases;
 mod doubt;
 mod frames;
@@ -55,6 +56,8 @@ enum Command {
     Wire(wire::WireArguments),
     /// Measures the simulated camera: noise on planes, missing pixels on blades, time of a frame.
     Camera(camera::CameraArguments),
+    /// Makes whole runs against a camera that goes wrong, many times.
+    CameraFaults(camera_faults::CameraFaultsArguments),
     /// Times the parts that have a budget, on generated data.
     Speed,
 }
@@ -74,6 +77,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Command::Large(arguments) => large::run(&arguments),
         Command::Wire(arguments) => wire::run(&arguments),
         Command::Camera(arguments) => camera::run(&arguments),
+        Command::CameraFaults(arguments) => camera_faults::run(&arguments),
         Command::Speed => speed::run(),
     }
 }

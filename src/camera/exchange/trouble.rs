@@ -67,8 +67,11 @@ impl Exchange {
             told: false,
         });
         if now >= outage.until {
-            let seconds = now.ms_since(outage.since) as f64 * 1e-3;
-            return self.over(trouble.with(&format!("; tried again for {seconds:.1} s")));
+            let tried_ms = now.ms_since(outage.since);
+            return self.over(match tried_ms {
+                0 => trouble,
+                _ => trouble.with(&format!("; tried again for {:.1} s", tried_ms as f64 * 1e-3)),
+            });
         }
         if !outage.told {
             outage.told = true;

@@ -1,0 +1,200 @@
+//! One run on virtual time: controller and simulated cell exchange bytes without a socket or a sleep.
+
+use std::collections::BTreeMap;
+
+use bladescan::camera::CameraOutput;
+use bladescan::controller::{Controller, Input, Output};
+use bladescan::robot::RobotOutput;
+use bladescan::stamp::Stamp;
+use hw_sim::cell::{self, Cell};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::run::{Darkroom, Met, Outcome, Watch, controller, finish_job, scene};
+use super::setup::Setup;
+
+/// What may be on its way.
+enum Delivery {
+    ToRobot(Vec<u8>),
+    /// With the connection it is about.
+    ToCamera(cell::Input),
+    /// From the connection, unless that has ended by then.
+    FromCamera(u64, Input),
+    ToController(Input),
+}
+
+struct Run<'a> {
+    setup: &'a Setup,
+    darkroom: &'a Darkroom,
+    controller: Controller,
+    cell: Cell,
+    now_ns: u64,
+    wire: BTreeMap<(u64, u64), Delivery>,
+    delivery_count: u64,
+    /// The controller's connection to the camera, counted from 1.
+    connection: Option<u64>,
+    connection_count: u64,
+    chance: ChaCha8Rng,
+    watch: Watch,
+    violations: Vec<String>,
+}
+
+/// Runs `setup` to its end, or to the time that none may take.
+pub(super) fn drive(setup: &Setup, darkroom: &Darkroom) -> Result<Outcome, String> {
+    let mut run = Run {
+        controller: controller(setup)?,
+        cell: Cell::new(scene(setup, 1.0)),
+        setup,
+        darkroom,
+        now_ns: 0,
+        wire: BTreeMap::new(),
+        delivery_count: 0,
+        connection: None,
+        connection_count: 0,
+        chance: ChaCha8Rng::seed_from_u64(setup.seed),
+        watch: Watch::default(),
+        violations: Vec::new(),
+    };
+    run.tell(Input::Begin);
+    while !run.controller.is_over() && run.now_ns < RUN_NS_MAX && run.step() {}
+    let met = Met::Happened(run.cell.met_camera_faults());
+    Ok(run
+        .watch
+        .outcome(run.controller.ending(), run.now_ns, met, run.violations))
+}
+
+impl Run<'_> {
+    /// The next thing that happens; false where nothing ever will.
+    fn step(&mut self) -> bool {
+        let next = [
+            self.wire.keys().next().map(|(at_ns, _)| *at_ns),
+            self.controller.wake_at().map(|stamp| stamp.ns),
+            self.cell.wake_at(),
+        ];
+        let Some(next_ns) = next.into_iter().flatten().min() else {
+            return false;
+        };
+        self.now_ns = next_ns.max(self.now_ns);
+        if let Some(first) = self.wire.first_entry().filter(|first| first.key().0 <= self.now_ns) {
+            match first.remove() {
+                Delivery::ToController(input) => self.tell(input),
+                Delivery::ToCamera(input) => self.ask_cell(input),
+                Delivery::FromCamera(connection, input) if self.connection == Some(connection) => {
+                    if matches!(input, Input::CameraClosed { .. }) {
+                        self.connection = None;
+                    }
+                    self.tell(input);
+                }
+                Delivery::FromCamera(..) => (),
+                Delivery::ToRobot(bytes) => self.ask_cell(cell::Input::RobotDatagram {
+                    from: ([127, 0, 0, 1], 5000).into(),
+                    bytes,
+                }),
+            }
+        } else if self.cell.wake_at().is_some_and(|at_ns| at_ns <= self.now_ns) {
+            self.ask_cell(cell::Input::Wake);
+        } else {
+            self.tell(Input::Wake);
+        }
+        true
+    }
+
+    fn tell(&mut self, input: Input) {
+        self.controller.handle_input(Stamp { ns: self.now_ns }, input);
+        while let Some(output) = self.controller.poll_output() {
+            self.watch.see(self.now_ns, &output);
+            match output {
+                Output::Robot(RobotOutput::Bytes { bytes, .. }) => self.send(LATENCY_NS, Delivery::ToRobot(bytes)),
+                Output::Camera(output) => self.do_with_camera(output),
+                Output::Job { job_id, job } => {
+                    let done = finish_job(job_id, &job);
+                    self.send(JOB_NS, Delivery::ToController(done));
+                }
+                _ => (),
+            }
+        }
+    }
+
+    fn do_with_camera(&mut self, output: CameraOutput) {
+        match (output, self.connection) {
+            (CameraOutput::Connect, _) => {
+                self.connection_count += 1;
+                let connection = self.connection_count;
+                self.connection = Some(connection);
+                self.send(
+                    LATENCY_NS,
+                    Delivery::ToCamera(cell::Input::CameraConnected { connection }),
+                );
+                self.send(2 * LATENCY_NS, Delivery::FromCamera(connection, Input::CameraConnected));
+            }
+            (CameraOutput::Bytes { bytes, .. }, Some(connection)) => {
+                self.send(
+                    LATENCY_NS,
+                    Delivery::ToCamera(cell::Input::CameraBytes { connection, bytes }),
+                );
+            }
+            (CameraOutput::Close, Some(connection)) => {
+                self.connection = None;
+                self.send(LATENCY_NS, Delivery::ToCamera(cell::Input::CameraClosed { connection }));
+            }
+            (CameraOutput::Bytes { .. } | CameraOutput::Close, None) => (),
+        }
+    }
+
+    fn ask_cell(&mut self, input: cell::Input) {
+        self.cell.handle_input(self.now_ns, input);
+        while let Some(output) = self.cell.poll_output() {
+            match output {
+                cell::Output::RobotDatagram { bytes, .. } => {
+                    self.send(LATENCY_NS, Delivery::ToController(Input::RobotBytes(bytes)));
+                }
+                cell::Output::CameraBytes { connection, bytes } => self.carry(connection, &bytes),
+                cell::Output::CameraClose { connection } => {
+                    let reason = "the camera closed the connection".to_owned();
+                    self.send(
+                        LATENCY_NS,
+                        Delivery::FromCamera(connection, Input::CameraClosed { reason }),
+                    );
+                }
+                cell::Output::Render(job) => {
+                    let frame = self.darkroom.frame(&job);
+                    self.watch.judge.handle_rendered(job.draws.trigger_id, &frame);
+                    self.ask_cell(cell::Input::Rendered { job: job.job, frame });
+                }
+                cell::Output::Violation(text) => self.violations.push(text),
+                cell::Output::RobotPort(output) => self.violations.push(format!("nobody is at this port: {output:?}")),
+                cell::Output::TruthGrew => (),
+            }
+        }
+    }
+
+    /// Bytes of the camera come in pieces as a stream's do.
+    fn carry(&mut self, connection: u64, bytes: &[u8]) {
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            let longest = rest.len().min(self.setup.piece_bytes_max);
+            let length = if self.setup.piece_bytes_max < usize::MAX {
+                self.chance.random_range(1..=longest)
+            } else {
+                longest
+            };
+            let (piece, behind) = rest.split_at(length);
+            self.send(
+                LATENCY_NS,
+                Delivery::FromCamera(connection, Input::CameraBytes(piece.to_vec())),
+            );
+            rest = behind;
+        }
+    }
+
+    fn send(&mut self, latency_ns: u64, delivery: Delivery) {
+        self.delivery_count += 1;
+        self.wire
+            .insert((self.now_ns + latency_ns, self.delivery_count), delivery);
+    }
+}
+
+const LATENCY_NS: u64 = 200_000;
+const JOB_NS: u64 = 50_000_000;
+/// No run may take longer: four faults of the longest kind, each waited for as long as the station allows.
+pub(super) const RUN_NS_MAX: u64 = 900_000_000_000;
