@@ -5,7 +5,7 @@ use bladescan::camera::{
     Arm, Assembly, Bye, CameraSettings, CameraState, Capture, ClientMessage, ComponentKind, DeviceEvent, FetchState,
     FrameReader, FrameWriter, Hello, ServerMessage, Trigger, TriggerId,
 };
-use hw_sim::vendor::Layout;
+use hw_sim::vendor::{Args, Layout, serve};
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::{Shutdown, SocketAddr, TcpStream};
 use std::path::PathBuf;
@@ -270,7 +270,8 @@ fn a_frame_is_fetched_after_the_connection_was_lost() {
 fn vendor_connects(address: SocketAddr, folder: PathBuf) -> TcpStream {
     let stream = TcpStream::connect(address).unwrap();
     let (orders, answers) = (stream.try_clone().unwrap(), stream.try_clone().unwrap());
-    std::thread::spawn(move || hw_sim::vendor::serve(Layout::Range, &folder, BufReader::new(orders), answers));
+    let layout = Layout::Range;
+    std::thread::spawn(move || serve(&Args { layout, folder }, BufReader::new(orders), answers));
     stream
 }
 

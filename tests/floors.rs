@@ -83,7 +83,7 @@ fn library() -> Vec<(String, String, String)> {
                 .unwrap()
                 .trim_end_matches(".rs")
                 .to_owned();
-            if matches!(module.as_str(), "lib" | "main" | "vectors") || inside.ends_with("tests.rs") {
+            if matches!(module.as_str(), "lib" | "main" | "vectors") || is_test(inside) {
                 return None;
             }
             let text = std::fs::read_to_string(path).unwrap();
@@ -95,6 +95,10 @@ fn library() -> Vec<(String, String, String)> {
             Some((module, inside.display().to_string(), code.join("\n")))
         })
         .collect()
+}
+
+fn is_test(inside: &Path) -> bool {
+    inside.ends_with("tests.rs") || inside.iter().any(|part| part == "tests")
 }
 
 fn floor_of(module: &str) -> u8 {

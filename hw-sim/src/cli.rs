@@ -25,7 +25,7 @@ use crate::scene::Scene;
 use crate::score::score_folder;
 use crate::shell::{self, Sockets, Wanted};
 use crate::truth::{PoseErrorSize, Truth};
-use crate::vendor::{self, Layout};
+use crate::vendor;
 
 /// Runs the command line `args` (without the name of the program) and says how it went: 0 done, 1 failed, 2 bad arguments
 /// or bad input. `program` stands in the help.
@@ -71,13 +71,7 @@ enum Command {
     Camera(ServeArgs),
     /// The vendor's side of a bridge: a slanting plane, for `bladescan camera bridge` to be tried on.
     #[command(hide = true)]
-    Vendor {
-        /// How frames are laid out.
-        #[arg(long, value_enum)]
-        layout: Layout,
-        /// Folder for the frames.
-        folder: PathBuf,
-    },
+    Vendor(vendor::Args),
     /// List the faults that can be injected.
     Faults,
     /// Write a built-in blade as STL.
@@ -239,9 +233,7 @@ fn run(command: Command) -> Result<(), CliError> {
             let mesh = blade.ok_or(CliError::NoBlade(name))?.mesh();
             stl::write(&out, &mesh).map_err(|source| CliError::Write { path: out, source })
         }
-        Command::Vendor { layout, folder } => {
-            Ok(vendor::serve(layout, &folder, io::stdin().lock(), io::stdout().lock())?)
-        }
+        Command::Vendor(args) => Ok(vendor::serve(&args, io::stdin().lock(), io::stdout().lock())?),
         Command::Score { dir, json: _ } => {
             let score = score_folder(&dir)?;
             let mut stdout = io::stdout().lock();

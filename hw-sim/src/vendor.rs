@@ -3,7 +3,7 @@
 
 use std::fs;
 use std::io::{self, BufRead, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
@@ -16,14 +16,25 @@ pub enum Layout {
     Range,
 }
 
-/// Answers the lines of `orders` on `answers` until they end or say so. Frames go to `folder`.
+/// What the simulated vendor's side is to be.
+#[derive(Debug, Clone, clap::Args)]
+pub struct Args {
+    /// How frames are laid out.
+    #[arg(long, value_enum)]
+    pub layout: Layout,
+    /// Folder for the frames.
+    pub folder: PathBuf,
+}
+
+/// Answers the lines of `orders` on `answers` until they end or say so. Frames go to the folder.
 ///
 /// # Errors
 ///
 /// A line is no JSON, or a file or line cannot be written.
-pub fn serve(layout: Layout, folder: &Path, orders: impl BufRead, mut answers: impl Write) -> io::Result<()> {
+pub fn serve(args: &Args, orders: impl BufRead, mut answers: impl Write) -> io::Result<()> {
+    let layout = args.layout;
+    let folder = &std::path::absolute(&args.folder)?;
     fs::create_dir_all(folder)?;
-    let folder = &std::path::absolute(folder)?;
     say(
         &mut answers,
         &json!({

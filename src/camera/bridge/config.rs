@@ -2,8 +2,8 @@
 
 use super::picture::Axes;
 use crate::camera::message::{Caps, ComponentKind};
+use core::net::SocketAddr;
 use serde::Deserialize;
-use std::net::SocketAddr;
 use std::path::PathBuf;
 use thiserror::Error;
 
