@@ -37,7 +37,7 @@ fn hello_says_who_the_camera_is_and_what_it_can_do() {
     let hello = camera.json(&["hello"]);
     assert_eq!(hello["greeting"]["simulated"], true);
     assert_eq!(hello["caps"]["optics"], "fine");
-    assert_eq!(hello["status"]["state"], "Idle");
+    assert_eq!(hello["status"]["state"], "idle");
     assert!(hello["clock"]["round_trip_ns"].as_u64().unwrap() > 0);
     let told = camera.run(&["hello"]).stdout;
     for text in ["SIMULATED A5000", "10 to 50000 us", "XYZ, INTENSITY", "round trip"] {

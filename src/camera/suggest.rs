@@ -1,7 +1,7 @@
 //! Which exposures suit a part that stands before the camera, from frames taken of it at several exposures.
 //!
-//! No model of light is needed: the part stands still, so a pixel that has 3D in one of the frames, or is too bright in
-//! one, lies on the part, and which exposure serves which pixels is counted.
+//! No model of light is needed: the part stands still, so a pixel that has 3D in one of the frames, or is too bright even in
+//! the darkest, lies on the part, and which exposure serves which pixels is counted.
 
 use serde::Serialize;
 
@@ -23,8 +23,10 @@ pub struct Served {
     pub valid_fraction: f64,
     /// Too bright.
     pub saturated_fraction: f64,
-    /// Without 3D and not too bright: too dark, for the most part.
+    /// Without 3D, modulation too low, and not too bright: too dark.
     pub dark_fraction: f64,
+    /// Without 3D for other reasons: seen too obliquely, in a shadow, filtered, or by chance.
+    pub other_fraction: f64,
 }
 
 /// The exposures that suit.
@@ -48,9 +50,10 @@ pub struct Suggestion {
 
 /// Chooses from a series of at least one frame; `None` when no frame has a pixel with 3D.
 ///
-/// The main exposure has the most pixels with 3D. A darker pass is added when more than [`PASS_FRACTION`] of the part gains 3D
-/// by it among the pixels too bright in the main one, a brighter pass likewise among the others. Ties go to the shorter
-/// exposure, for the darker pass to the longer one.
+/// The main exposure is the longest of those whose pixels with 3D are within [`PASS_FRACTION`] of the part of the most:
+/// brighter images have less noise. A darker pass is added when more than [`PASS_FRACTION`] of the part gains 3D by it among the
+/// pixels too bright in the main one, a brighter pass likewise among the too dark ones: of several the one that gains most, of
+/// equal ones that nearest to the main exposure.
 pub fn suggest(series: &[Exposed<'_>]) -> Option<Suggestion> {
     let mut series = series.to_vec();
     series.sort_by_key(|frame| frame.exposure_us);
@@ -70,16 +73,25 @@ pub fn suggest(series: &[Exposed<'_>]) -> Option<Suggestion> {
             exposure_us: frame.exposure_us,
             valid_fraction: share(count(&|pixel| is_valid(frame, pixel))),
             saturated_fraction: share(count(&|pixel| is_saturated(frame, pixel))),
-            dark_fraction: share(count(&|pixel| !is_valid(frame, pixel) && !is_saturated(frame, pixel))),
+            dark_fraction: share(count(&|pixel| is_dark(frame, pixel))),
+            other_fraction: share(count(&|pixel| {
+                !is_valid(frame, pixel) && !is_saturated(frame, pixel) && !is_dark(frame, pixel)
+            })),
         })
         .collect();
     let valid_counts: Vec<usize> = series
         .iter()
         .map(|frame| count(&|pixel| is_valid(frame, pixel)))
         .collect();
-    let main = first_greatest(&valid_counts).filter(|main| valid_counts[*main] > 0)?;
+    let most = valid_counts.iter().copied().max().filter(|most| *most > 0)?;
+    let main = valid_counts
+        .iter()
+        .rposition(|valid| share(most - valid) <= PASS_FRACTION)?;
     let gains = |from: std::ops::Range<usize>, bright: bool| -> Vec<usize> {
-        let lacks = |pixel| !is_valid(&series[main], pixel) && is_saturated(&series[main], pixel) == bright;
+        let lacks = |pixel| match bright {
+            true => !is_valid(&series[main], pixel) && is_saturated(&series[main], pixel),
+            false => is_dark(&series[main], pixel),
+        };
         from.map(|other| count(&|pixel| lacks(pixel) && is_valid(&series[other], pixel)))
             .collect()
     };
@@ -123,6 +135,10 @@ fn is_valid(frame: &Exposed<'_>, pixel: usize) -> bool {
 
 fn is_saturated(frame: &Exposed<'_>, pixel: usize) -> bool {
     frame.mask[pixel] & 2 != 0
+}
+
+fn is_dark(frame: &Exposed<'_>, pixel: usize) -> bool {
+    !is_valid(frame, pixel) && !is_saturated(frame, pixel) && frame.mask[pixel] & 4 != 0
 }
 
 fn first_greatest(counts: &[usize]) -> Option<usize> {
@@ -172,7 +188,7 @@ mod tests {
     fn a_matte_part_needs_one_pass() {
         let all = |exposure_us, state| frame(exposure_us, [state; 2], [state; 2], state);
         let suggestion = choose(&[all(400, DARK), all(1000, VALID), all(2500, VALID)]).unwrap();
-        assert_eq!(suggestion.exposure_us, 1000, "the shorter of two that serve alike");
+        assert_eq!(suggestion.exposure_us, 2500, "the longer of two that serve alike");
         assert_eq!((suggestion.hdr_low_us, suggestion.hdr_high_us), (None, None));
         assert_eq!((suggestion.part_count, suggestion.valid_fraction), (80, 1.0));
     }
@@ -214,6 +230,18 @@ mod tests {
             "dark pixels that never have 3D are not known to lie on the part"
         );
         assert_eq!(suggestion.hdr_low_us, None);
+    }
+
+    #[test]
+    fn what_is_lost_by_chance_asks_for_no_pass() {
+        let lost = |from: usize| {
+            let mut mask = vec![VALID; 100];
+            mask[from..from + 5].fill(NOWHERE);
+            mask
+        };
+        let suggestion = choose(&[(400, lost(0)), (1000, lost(20)), (2500, lost(40))]).unwrap();
+        assert_eq!((suggestion.hdr_low_us, suggestion.hdr_high_us), (None, None));
+        assert_eq!(suggestion.served[0].other_fraction, 0.05);
     }
 
     #[test]

@@ -190,9 +190,10 @@ impl<'a> Visit<'a> {
             tag: String::new(),
         };
         self.ask("TRIGGER", &ClientMessage::Trigger(trigger))?;
-        // Section 3.7 of the page.
-        let limit_ms =
-            u64::from(configured.predicted_total_us) * 3 / 2000 + configured.frame_bytes / TRANSFER_BYTES_PER_MS + 2000;
+        // Section 3.7 of the page, and more patience, since nothing else waits.
+        let limit_ms = u64::from(configured.predicted_total_us) * 3 / 2000
+            + configured.frame_bytes / TRANSFER_BYTES_PER_MS
+            + PATIENCE_MS;
         let until = self.lines.now().plus_ms(limit_ms);
         let mut assembly = None;
         loop {
@@ -260,3 +261,4 @@ const PING_COUNT: usize = 8;
 const STATUS_MS: u64 = 5000;
 const STATUS_STEP_MS: u64 = 50;
 const TRANSFER_BYTES_PER_MS: u64 = 20_000;
+const PATIENCE_MS: u64 = 10_000;

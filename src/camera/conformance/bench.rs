@@ -243,8 +243,8 @@ pub(super) fn bye() -> ClientMessage {
 pub(super) fn trigger_ok(heard: &Heard) -> Result<TriggerOk, Miss> {
     match server_message(heard)? {
         ServerMessage::TriggerOk(accepted) => Ok(accepted),
-        ServerMessage::Error(error) if matches!(error.code, 500 | 501 | 503 | 504) => Err(Miss::Skipped(format!(
-            "the device is not there: {} {}",
+        ServerMessage::Error(error) if matches!(error.code, 500..=504) => Err(Miss::Skipped(format!(
+            "the device is not ready: {} {}",
             error.code, error.text
         ))),
         _ => Err(unexpected("TRIGGER_OK", heard)),

@@ -160,20 +160,21 @@ fn tell_suggestion(suggestion: Option<&Suggestion>, json: bool) -> Result<Exit, 
     let percent = |fraction: f64| format!("{:5.1} %", 100.0 * fraction);
     let mut lines = vec![
         format!("# {} pixels lie on the part", suggestion.part_count),
-        "# exposure     with 3D  too bright  too dark".to_owned(),
+        "# exposure     with 3D  too bright   too dark  otherwise without".to_owned(),
     ];
     for served in &suggestion.served {
         lines.push(format!(
-            "# {:6} us    {}     {}   {}",
+            "# {:6} us    {}     {}    {}   {}",
             served.exposure_us,
             percent(served.valid_fraction),
             percent(served.saturated_fraction),
-            percent(served.dark_fraction)
+            percent(served.dark_fraction),
+            percent(served.other_fraction)
         ));
     }
     lines.push("[camera]".into());
     lines.push(format!(
-        "exposure_us = {}    # the most pixels with 3D",
+        "exposure_us = {}    # the longest with the most pixels with 3D, or 1 % of the part fewer",
         suggestion.exposure_us
     ));
     let least = percent(PASS_FRACTION).trim().to_owned();
