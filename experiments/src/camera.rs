@@ -226,7 +226,7 @@ impl Shots {
             image_count: u32::from(recipe.camera.image_count),
             ..Capture::default()
         };
-        let main_us = recipe.camera.exposure_us;
+        let main_us = recipe.camera.exposure.exposure_us;
         let captures = match arguments.passes[..] {
             [] => vec![
                 capture(main_us, [0, 0]),

@@ -97,7 +97,7 @@ fn tally(arguments: &CleaningArguments, recipe: &Recipe, surface: &str) -> Resul
     };
     let capture = Capture {
         binning: recipe.camera.roi == Roi::Binned,
-        exposure_us: f64::from(recipe.camera.exposure_us),
+        exposure_us: f64::from(recipe.camera.exposure.exposure_us),
         hdr_us,
         ..Capture::default()
     };

@@ -75,6 +75,11 @@ impl Grid {
         (!point[2].is_nan()).then_some(point)
     }
 
+    /// The points of all pixels, row by row; `None` where nothing was measured.
+    pub fn points(&self) -> impl Iterator<Item = Option<[f32; 3]>> {
+        (0..self.height).flat_map(move |row| (0..self.width).map(move |column| self.point(row, column)))
+    }
+
     /// How many pixels hold a point.
     pub fn point_count(&self) -> usize {
         let [_, _, z] = &self.planes;

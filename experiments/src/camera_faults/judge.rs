@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use bladescan::camera::Capture;
+use bladescan::camera::{Capture, CapturedPoints};
 use bladescan::job::sha256;
 use hw_sim::camera::render::Frame;
 
@@ -43,11 +43,15 @@ impl Judge {
             self.duplicate.push(about.clone());
         }
         let pixel_count = capture.width_px as usize * capture.height_px as usize;
-        let sizes = [capture.xyz.len() / 12, capture.intensity.len(), capture.mask.len()];
-        if sizes != [pixel_count; 3] {
+        let xyz: &[u8] = match &capture.points {
+            CapturedPoints::Xyz(bytes) => bytes,
+            CapturedPoints::Range { .. } => &[],
+        };
+        let intensity = capture.intensity.as_deref().unwrap_or_default();
+        if [xyz.len() / 12, intensity.len(), capture.mask.len()] != [pixel_count; 3] {
             self.partial.push(about.clone());
         }
-        let hash = fingerprint(&capture.xyz, &capture.intensity, &capture.mask);
+        let hash = fingerprint(xyz, intensity, &capture.mask);
         let is_of_view = trigger_id >> 16 == view_index as u64;
         let is_known = self
             .rendered
@@ -109,8 +113,9 @@ mod tests {
             height_px: 1,
             valid_count: 2,
             saturated_count: 0,
-            xyz,
-            intensity: vec![mark; 2],
+            points: CapturedPoints::Xyz(xyz),
+            intensity: Some(vec![mark; 2]),
+            confidence: None,
             mask: vec![0; 2],
         }
     }

@@ -166,7 +166,10 @@ impl Watch {
                 self.fetch_count += u64::from(bytes.get(6..8) == Some(&KIND_FETCH));
             }
             Output::Job { job, .. } => {
-                if let Job::Prepare { view_index, capture } = &**job {
+                if let Job::Prepare {
+                    view_index, capture, ..
+                } = &**job
+                {
                     self.judge.handle_accepted(*view_index, capture);
                 }
             }

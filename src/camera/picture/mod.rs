@@ -16,8 +16,8 @@ use scale::{DepthScale, depth_colour};
 pub struct Pictures {
     /// Depth along z, coloured from dark (near) to bright (far), pixels without 3D grey.
     pub depth_png: Vec<u8>,
-    /// Camera 1's picture in grey, saturated pixels red, other pixels without 3D bluish.
-    pub intensity_png: Vec<u8>,
+    /// Camera 1's picture in grey, saturated pixels red, other pixels without 3D bluish; `None` where it was not sent.
+    pub intensity_png: Option<Vec<u8>>,
 }
 
 impl Pictures {
@@ -25,13 +25,20 @@ impl Pictures {
     pub fn draw(capture: &Capture) -> Self {
         Self {
             depth_png: draw_depth(capture).encode(),
-            intensity_png: draw_intensity(capture).encode(),
+            intensity_png: capture
+                .intensity
+                .as_deref()
+                .map(|intensity| draw_intensity(capture, intensity).encode()),
         }
     }
 }
 
 fn draw_depth(capture: &Capture) -> Canvas {
-    let depths_mm: Vec<f32> = capture.grid_mm().iter().map(|point| point[2]).collect();
+    let depths_mm: Vec<f32> = capture
+        .grid()
+        .points()
+        .map(|point| point.map_or(f32::NAN, |[_, _, z]| z))
+        .collect();
     let scale = DepthScale::of(&depths_mm);
     let mut canvas = blank(capture);
     for (index, &depth_mm) in depths_mm.iter().enumerate() {
@@ -63,9 +70,9 @@ fn draw_depth(capture: &Capture) -> Canvas {
     canvas
 }
 
-fn draw_intensity(capture: &Capture) -> Canvas {
+fn draw_intensity(capture: &Capture, intensity: &[u8]) -> Canvas {
     let mut canvas = blank(capture);
-    for (index, (&grey, &mask)) in capture.intensity.iter().zip(&capture.mask).enumerate() {
+    for (index, (&grey, &mask)) in intensity.iter().zip(&capture.mask).enumerate() {
         let colour = match mask {
             mask if mask & MASK_SATURATED != 0 => SATURATED,
             mask if mask & MASK_INVALID != 0 => [grey / 2, grey / 2, 96 + grey / 2],
@@ -116,6 +123,7 @@ const LEGEND_HEIGHT_PX: usize = 200;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera::capture::CapturedPoints;
     use crate::camera::message::TriggerId;
 
     /// 3 x 1 pixels: near, far, and one without 3D that is saturated.
@@ -127,12 +135,15 @@ mod tests {
             height_px: 1,
             valid_count: 2,
             saturated_count: 1,
-            xyz: points
-                .iter()
-                .flatten()
-                .flat_map(|value: &f32| value.to_le_bytes())
-                .collect(),
-            intensity: vec![100, 200, 255],
+            points: CapturedPoints::Xyz(
+                points
+                    .iter()
+                    .flatten()
+                    .flat_map(|value: &f32| value.to_le_bytes())
+                    .collect(),
+            ),
+            intensity: Some(vec![100, 200, 255]),
+            confidence: None,
             mask: vec![0, 0, MASK_INVALID | MASK_SATURATED],
         }
     }
@@ -147,14 +158,14 @@ mod tests {
 
     #[test]
     fn saturated_pixels_are_marked_over_the_grey() {
-        let canvas = draw_intensity(&capture());
+        let canvas = draw_intensity(&capture(), &[100, 200, 255]);
         assert_eq!([0, 1, 2].map(|x| canvas.at(x, 0)), [[100; 3], [200; 3], SATURATED]);
     }
 
     #[test]
     fn the_png_has_the_size_of_the_frame_and_its_legend() {
         let pictures = Pictures::draw(&capture());
-        for bytes in [pictures.depth_png, pictures.intensity_png] {
+        for bytes in [pictures.depth_png, pictures.intensity_png.unwrap()] {
             let decoder = png::Decoder::new(std::io::Cursor::new(bytes));
             let info = decoder.read_info().unwrap();
             let size = (info.info().width as usize, info.info().height as usize);

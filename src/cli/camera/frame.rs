@@ -33,10 +33,9 @@ pub(super) fn main(args: &Args, json: bool) -> Result<Exit, Failure> {
         true => vec![(args.out.clone(), cloud(&capture, simulated))],
         false => {
             let pictures = Pictures::draw(&capture);
-            vec![
-                (beside(&args.out, "depth"), pictures.depth_png),
-                (beside(&args.out, "intensity"), pictures.intensity_png),
-            ]
+            let intensity = pictures.intensity_png.map(|png| (beside(&args.out, "intensity"), png));
+            let depth = (beside(&args.out, "depth"), pictures.depth_png);
+            [Some(depth), intensity].into_iter().flatten().collect()
         }
     };
     for (path, bytes) in &files {
@@ -70,10 +69,8 @@ pub(super) fn main(args: &Args, json: bool) -> Result<Exit, Failure> {
 }
 
 fn cloud(capture: &Capture, simulated: bool) -> Vec<u8> {
-    let points = capture
-        .grid_mm()
-        .into_iter()
-        .map(|point| Point3::from(point.map(f64::from)));
+    let grid = capture.grid();
+    let points = grid.points().flatten().map(|point| Point3::from(point.map(f64::from)));
     let comments: &[&str] = match simulated {
         true => &["mm, camera frame", "SIMULATED: nothing was measured"],
         false => &["mm, camera frame"],
