@@ -223,7 +223,7 @@ fn run(command: Command) -> Result<(), CliError> {
         Command::Faults => {
             let mut stdout = io::stdout().lock();
             for (spelling, meaning) in catalogue() {
-                writeln!(stdout, "{spelling:35} {meaning}")?;
+                writeln!(stdout, "{spelling:37} {meaning}")?;
             }
             writeln!(stdout, "\n{PLACES}")?;
             Ok(())

@@ -356,7 +356,7 @@ struct Spellings;
 
 impl fmt::Display for Spellings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        catalogue().try_for_each(|(spelling, meaning)| write!(f, "\n  {spelling:35} {meaning}"))
+        catalogue().try_for_each(|(spelling, meaning)| write!(f, "\n  {spelling:37} {meaning}"))
     }
 }
 
