@@ -1,6 +1,6 @@
 //! `bladescan camera` over sockets, against the simulated camera.
 
-use crate::support::{Bench, Ended, Simulator};
+use crate::support::{Bench, Ended, RECIPE, Simulator};
 use bladescan::camera::conformance::view_of;
 use bladescan::geometry::read_cloud;
 use serde_json::Value;
@@ -77,6 +77,26 @@ fn settings_of_a_recipe_are_compared_with_those_in_force() {
     let wide = Camera::new("camera-settings-wide", &["--optics=wide"]);
     let texts = ["the recipe wants optics fine, the camera has wide"];
     wide.run(&["settings", "--recipe=tiny.toml"]).expect(1, &texts);
+}
+
+#[test]
+fn settings_and_frames_are_those_of_the_view_that_is_named() {
+    let camera = Camera::new("camera-view", &[]);
+    let tables = "[[camera.exposure]]\nviews = [18]\nexposure_us = 400\n[merge]";
+    camera.bench.write("views.toml", RECIPE.replace("[merge]", tables));
+    let exposure_us = |view: &str| {
+        let settings = camera.json(&["settings", "--recipe=views.toml", view]);
+        settings["in_force"]["exposure_us"].as_u64().unwrap()
+    };
+    assert_eq!(exposure_us("--view=0"), 1000);
+    assert_eq!(exposure_us("--view=18"), 400);
+    let outside = ["--view 36: views.toml has 36 views, from 0 to 35"];
+    camera
+        .run(&["settings", "--recipe=views.toml", "--view=36"])
+        .expect(2, &outside);
+    camera
+        .run(&["frame", "--recipe=views.toml", "--view=36", "--out=x.ply"])
+        .expect(2, &outside);
 }
 
 #[test]

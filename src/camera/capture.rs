@@ -106,6 +106,14 @@ pub enum FrameError {
     /// FRAME_END does not fit what came.
     #[error("the end of the frame does not fit what came")]
     End,
+    /// The count of pixels with 3D is not the mask's.
+    #[error("{stated} valid pixels stated where the mask has {found}")]
+    ValidCount {
+        /// What FRAME_BEGIN and FRAME_END say.
+        stated: u32,
+        /// Bytes of the mask without bit 0.
+        found: u32,
+    },
     /// A component's CRC.
     #[error("the CRC of component {0} does not fit")]
     Crc(usize),
@@ -191,7 +199,7 @@ impl Assembly {
         Ok(())
     }
 
-    /// Closes the frame: every byte count and CRC must agree.
+    /// Closes the frame: every byte count and CRC must agree, and the count of valid pixels with the mask.
     pub fn end(self, end: &FrameEnd) -> Result<Capture, FrameError> {
         let whole = self.current == self.components.len()
             && end.frame_id == self.begin.frame_id
@@ -225,6 +233,12 @@ impl Assembly {
                 offset: begin.offset,
             },
         };
+        let mask = take(ComponentKind::Mask).expect("begin() checked that there is a mask");
+        let found = mask.iter().filter(|&&bits| bits & MASK_INVALID == 0).count() as u32;
+        if found != begin.valid_count {
+            let stated = begin.valid_count;
+            return Err(FrameError::ValidCount { stated, found });
+        }
         Ok(Capture {
             trigger_id: begin.trigger_id,
             width_px: begin.width_px,
@@ -234,7 +248,7 @@ impl Assembly {
             points,
             intensity: take(ComponentKind::Intensity),
             confidence: take(ComponentKind::Confidence),
-            mask: take(ComponentKind::Mask).expect("begin() checked that there is a mask"),
+            mask,
         })
     }
 }
@@ -306,6 +320,20 @@ mod tests {
         let mut wrong = end();
         wrong.components[1].crc ^= 1;
         assert_eq!(spoilt.end(&wrong), Err(FrameError::Crc(1)));
+    }
+
+    #[test]
+    fn a_count_of_valid_pixels_that_the_mask_contradicts_is_noticed() {
+        let mut wrong_begin = begin();
+        wrong_begin.valid_count += 1;
+        let mut assembly = Assembly::begin(wrong_begin, 1 << 20).unwrap();
+        for name in ["frame_chunk_0", "frame_chunk_1", "frame_chunk_2"] {
+            push(&mut assembly, name).unwrap();
+        }
+        let mut wrong_end = end();
+        wrong_end.valid_count += 1;
+        let expected = FrameError::ValidCount { stated: 2, found: 1 };
+        assert_eq!(assembly.end(&wrong_end), Err(expected));
     }
 
     #[test]

@@ -4,9 +4,11 @@ use crate::controller::Input;
 use std::io;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWrite, AsyncWriteExt as _};
 use tokio::net::TcpStream;
 use tokio::sync::mpsc;
+use tokio::time::{Instant, sleep};
 use tokio_serial::{DataBits, FlowControl, Parity, SerialPortBuilderExt as _, SerialStream, StopBits};
 
 /// How the inputs of one device's stream are named.
@@ -113,7 +115,7 @@ async fn serve(
     if news.send((names.connected)()).await.is_err() {
         return;
     }
-    let writing = tokio::spawn(async move {
+    let mut writing = tokio::spawn(async move {
         while let Some(bytes) = outgoing.recv().await {
             if writer.write_all(&bytes).await.is_err() {
                 // The reader reports the end.
@@ -123,9 +125,21 @@ async fn serve(
         writer.shutdown().await.ok();
     });
     let mut buffer = vec![0u8; READ_BYTES];
+    // Closed from this side: what still comes is read for a while, so that our last bytes arrive, but nobody waits for it.
+    let lingering = sleep(LINGER);
+    tokio::pin!(lingering);
+    let mut is_closing = false;
     let reason = loop {
-        let read = reader.read(&mut buffer).await;
-        // Closed from this side: what still comes is read, so that our last bytes arrive, but nobody waits for it.
+        let read = tokio::select! {
+            read = reader.read(&mut buffer) => read,
+            _ = &mut writing, if !is_closing => {
+                is_closing = true;
+                lingering.as_mut().reset(Instant::now() + LINGER);
+                continue;
+            }
+            // The other end of a half-open connection never closes.
+            () = &mut lingering, if is_closing => break None,
+        };
         let told = !writing.is_finished();
         match read {
             Ok(0) => break told.then(|| format!("the {} closed the connection", names.device)),
@@ -149,3 +163,30 @@ async fn until_closed(outgoing: &mut mpsc::Receiver<Vec<u8>>) {
 
 const READ_BYTES: usize = 128 << 10;
 const QUEUE_MAX: usize = 32;
+/// How long a connection that we closed is still read.
+const LINGER: Duration = Duration::from_secs(1);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tokio::time::timeout;
+
+    #[test]
+    fn a_connection_that_we_closed_ends_though_its_peer_never_closes() {
+        let runtime = tokio::runtime::Builder::new_current_thread()
+            .enable_time()
+            .build()
+            .unwrap();
+        runtime.block_on(async {
+            let (ours, peer) = tokio::io::duplex(64);
+            let (sender, outgoing) = mpsc::channel(1);
+            let (news_sender, mut news) = mpsc::channel(4);
+            let serving = tokio::spawn(async move { serve(ours, outgoing, CAMERA, &news_sender).await });
+            assert!(matches!(news.recv().await, Some(Input::CameraConnected)));
+            drop(sender);
+            timeout(Duration::from_secs(60), serving).await.unwrap().unwrap();
+            assert!(news.recv().await.is_none(), "what we closed is not told");
+            drop(peer);
+        });
+    }
+}

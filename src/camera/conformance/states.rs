@@ -24,7 +24,7 @@ pub(super) const CLAUSES: &[Clause] = &[
     ),
     clause(
         "3.1-exposing",
-        "EXPOSING: CONFIGURE, ARM, DISARM and HELLO get 203, another TRIGGER 204, the same one `repeated` 1",
+        "EXPOSING: CONFIGURE, ARM, DISARM and HELLO get 203, another TRIGGER 204, the same one `repeated` 1, FETCH of another 602",
         "TRIGGER and every request of the table in one piece",
         Needs::Exposures,
         exposing,
@@ -38,7 +38,7 @@ pub(super) const CLAUSES: &[Clause] = &[
     ),
     clause(
         "3.1-sending",
-        "SENDING: as EXPOSING",
+        "SENDING: as EXPOSING, but FETCH of another gets 204",
         "every request of the table as soon as FRAME_BEGIN of a large frame has come",
         Needs::Exposures,
         |bench| busy_after(bench, 0x30),
@@ -167,7 +167,7 @@ fn exposing(bench: &mut Bench<'_, '_>) -> Result<(), Miss> {
     let (line, configured) = bench.armed(&settings)?;
     let start = bench.trigger(0, configured.config_id);
     let (mut bytes, started) = bench.lines.frame(line, &start);
-    let asked = busy_requests(bench, line, configured.config_id, &mut bytes);
+    let asked = busy_requests(bench, line, configured.config_id, Gets::Code(602), &mut bytes);
     bench.lines.send(line, bytes);
     trigger_ok(&bench.reply(line, started, &start)?)?;
     for request in &asked {
@@ -190,15 +190,15 @@ fn busy_after(bench: &mut Bench<'_, '_>, kind: u16) -> Result<(), Miss> {
     let id = bench.trigger_id(0);
     let limit_ms = super::bench::frame_ms(&configured);
     let mut course = super::course::Course::default();
-    let step = match kind {
-        0x30 => "FRAME_BEGIN",
-        _ => "EXPOSURE_DONE",
+    let (step, no_frame) = match kind {
+        0x30 => ("FRAME_BEGIN", Gets::Code(204)),
+        _ => ("EXPOSURE_DONE", Gets::NoFrame),
     };
     while course.steps.last() != Some(&step) {
         course.step(bench.lines, line, id, limit_ms)?;
     }
     let mut bytes = Vec::new();
-    let asked = busy_requests(bench, line, configured.config_id, &mut bytes);
+    let asked = busy_requests(bench, line, configured.config_id, no_frame, &mut bytes);
     bench.lines.send(line, bytes);
     let mut answers = Vec::new();
     for request in &asked {
@@ -229,7 +229,7 @@ enum Gets {
     Kind(u16),
     Code(u16),
     Repeated,
-    /// 602, or 204 while a frame is being sent.
+    /// 602, or 204 where the frame begins to be sent meanwhile.
     NoFrame,
 }
 
@@ -257,7 +257,14 @@ impl Asked {
     }
 }
 
-fn busy_requests(bench: &mut Bench<'_, '_>, line: LineId, config_id: u32, bytes: &mut Vec<u8>) -> Vec<Asked> {
+/// `no_frame`: what FETCH of an unknown trigger gets.
+fn busy_requests(
+    bench: &mut Bench<'_, '_>,
+    line: LineId,
+    config_id: u32,
+    no_frame: Gets,
+    bytes: &mut Vec<u8>,
+) -> Vec<Asked> {
     let run_id = bench.new_run();
     let never = TriggerId::new(bench.view, 9);
     let requests = [
@@ -269,7 +276,7 @@ fn busy_requests(bench: &mut Bench<'_, '_>, line: LineId, config_id: u32, bytes:
         (ClientMessage::Disarm, Gets::Code(203)),
         (trigger(bench.trigger_id(1), config_id, 0), Gets::Code(204)),
         (bench.trigger(0, config_id), Gets::Repeated),
-        (ClientMessage::Fetch { trigger_id: never }, Gets::NoFrame),
+        (ClientMessage::Fetch { trigger_id: never }, no_frame),
         (ClientMessage::Hello(hello(run_id)), Gets::Code(203)),
     ];
     let frame = |(message, gets): (ClientMessage, Gets)| {

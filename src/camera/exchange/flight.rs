@@ -283,7 +283,7 @@ impl Exchange {
                 self.go_on(now);
             }
             // The stream is whole, the frame is not: nothing of it is used.
-            Err(error @ (FrameError::Crc(_) | FrameError::End)) => {
+            Err(error @ (FrameError::Crc(_) | FrameError::End | FrameError::ValidCount { .. })) => {
                 self.fail(error.to_string(), true);
                 self.go_on(now);
             }

@@ -69,6 +69,9 @@ impl Exchange {
                 return self.give_up(Trouble::Another(text));
             }
             restarted = before.boot_id != greeting.boot_id;
+        } else {
+            // Until now another held it; what is lost from here on is lost for the first time.
+            self.outage = None;
         }
         self.greeting = Some(greeting);
         if restarted {

@@ -1,7 +1,7 @@
 //! `bladescan camera frame`.
 
 use super::super::{Exit, Failure, print};
-use super::{Place, wanted};
+use super::{Place, Source};
 use crate::camera::{Capture, Pictures, TriggerId};
 use crate::geometry::PointCloud;
 use crate::geometry::ply::write_ply;
@@ -15,15 +15,15 @@ pub(super) struct Args {
     /// What to write: a cloud in NAME.ply, or pictures in NAME-depth.png and NAME-intensity.png.
     #[arg(long, value_name = "NAME.ply|NAME.png", value_parser = parse_out)]
     out: PathBuf,
-    /// Take the settings of this recipe [default: the camera's usual ones, the whole sensor].
-    #[arg(long, value_name = "RECIPE")]
-    recipe: Option<PathBuf>,
+    #[command(flatten)]
+    source: Source,
 }
 
 pub(super) fn main(args: &Args, json: bool) -> Result<Exit, Failure> {
+    let recipe = args.source.read()?;
     let mut visit = args.place.control()?;
     let caps = visit.caps()?;
-    let (settings, _) = wanted(args.recipe.as_deref(), &caps)?;
+    let settings = args.source.settings(recipe.as_ref(), &caps);
     let configured = visit.configure(&settings)?;
     let capture = visit.capture(&configured, TriggerId::new(0, 0));
     let simulated = visit.greeting().simulated;

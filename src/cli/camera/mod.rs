@@ -16,7 +16,7 @@ use crate::session::camera_settings;
 use crate::settings::{HostPort, Recipe, Target};
 use clap::Subcommand;
 use std::net::SocketAddr;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 #[derive(Debug, clap::Args)]
@@ -101,15 +101,47 @@ impl Place {
     }
 }
 
-/// Settings of a recipe, or the camera's usual ones for the whole sensor.
-fn wanted(recipe: Option<&Path>, caps: &Caps) -> Result<(CameraSettings, Option<Recipe>), Failure> {
-    if let Some(path) = recipe {
+/// Which settings are meant.
+#[derive(Debug, clap::Args)]
+struct Source {
+    /// Take the settings of this recipe [default: the camera's usual ones, the whole sensor].
+    #[arg(long, value_name = "RECIPE")]
+    recipe: Option<PathBuf>,
+    /// The view whose exposures are meant, from 0.
+    #[arg(long, value_name = "N", default_value_t = 0, requires = "recipe")]
+    view: usize,
+}
+
+impl Source {
+    /// The recipe, where there is one and it has this view.
+    fn read(&self) -> Result<Option<Recipe>, Failure> {
+        let Some(path) = &self.recipe else { return Ok(None) };
         let recipe = read_recipe(path)?.meaning;
-        return Ok((camera_settings(&recipe, 0), Some(recipe)));
+        let view_count = recipe.view_count();
+        if self.view < view_count {
+            return Ok(Some(recipe));
+        }
+        Err(Failure::Usage(format!(
+            "--view {}: {} has {view_count} views, from 0 to {}",
+            self.view,
+            path.display(),
+            view_count - 1
+        )))
     }
+
+    /// Settings of the recipe's view, or the camera's usual ones for the whole sensor.
+    fn settings(&self, recipe: Option<&Recipe>, caps: &Caps) -> CameraSettings {
+        match recipe {
+            Some(recipe) => camera_settings(recipe, self.view),
+            None => usual(caps),
+        }
+    }
+}
+
+fn usual(caps: &Caps) -> CameraSettings {
     let lowest = |mask: u32| mask.trailing_zeros().min(31) as u8;
     let points = ComponentKind::Xyz.bit() | ComponentKind::Intensity.bit() | ComponentKind::Mask.bit();
-    let settings = CameraSettings {
+    CameraSettings {
         binning: false,
         roi_px: [caps.sensor_px[0], caps.sensor_px[1], 0, 0, 0, 0],
         exposure_us: caps.exposure_default_us,
@@ -125,8 +157,7 @@ fn wanted(recipe: Option<&Path>, caps: &Caps) -> Result<(CameraSettings, Option<
         working_volume: lowest(caps.working_volumes),
         volume_of_interest: None,
         components: points,
-    };
-    Ok((settings, None))
+    }
 }
 
 /// New for each start of the program.

@@ -1,21 +1,19 @@
 //! `bladescan camera settings`.
 
 use super::super::{Exit, Failure, print};
-use super::{Place, row, wanted};
+use super::{Place, Source, row};
 use crate::camera::{
     CameraSettings, Caps, Configured, Exposed, PASS_FRACTION, Suggestion, TriggerId, Visit, difference, series_us,
     suggest,
 };
 use serde_json::json;
-use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     #[command(flatten)]
     place: Place,
-    /// Take the settings of this recipe [default: the camera's usual ones, the whole sensor].
-    #[arg(long, value_name = "RECIPE")]
-    recipe: Option<PathBuf>,
+    #[command(flatten)]
+    source: Source,
     /// Take frames at several exposures and suggest those that suit the part that stands before the camera.
     #[arg(long)]
     suggest: bool,
@@ -25,9 +23,10 @@ pub(super) struct Args {
 }
 
 pub(super) fn main(args: &Args, json: bool) -> Result<Exit, Failure> {
+    let recipe = args.source.read()?;
     let mut visit = args.place.control()?;
     let caps = visit.caps()?;
-    let (settings, recipe) = wanted(args.recipe.as_deref(), &caps)?;
+    let settings = args.source.settings(recipe.as_ref(), &caps);
     let optics = recipe.map(|recipe| recipe.camera.optics.name());
     if let Some(optics) = optics.filter(|optics| *optics != caps.optics) {
         return Err(Failure::Broken(format!(

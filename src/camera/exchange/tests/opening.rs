@@ -171,6 +171,29 @@ fn a_camera_that_another_run_holds_is_asked_again_for_as_long_as_a_dead_connecti
 }
 
 #[test]
+fn after_a_busy_start_the_first_lost_connection_has_all_its_time() {
+    let mut bench = Bench::new(vec![PAGE_SETTINGS]);
+    bench.connect();
+    let (request_id, _) = bench.heard.remove(0);
+    let refusal = error(TriggerId(TRIGGER_ALL), code::CONTROLLER_BUSY, 0);
+    bench.reply(request_id, &refusal);
+    while bench.connect_count == 1 {
+        bench.pass_ms(100);
+    }
+    bench.connect();
+    bench.serve();
+    assert!(bench.exchange.is_armed());
+    bench.pass_alive_ms(4000);
+    bench.take_events();
+    bench.lose_connection();
+    assert!(
+        matches!(&bench.events[..], [CameraEvent::Away { within_ms: 60_000, .. }]),
+        "{:?}",
+        bench.events
+    );
+}
+
+#[test]
 fn where_nothing_listens_at_first_is_trouble_at_once() {
     let mut bench = Bench::new(vec![PAGE_SETTINGS]);
     bench.exchange.handle_closed(bench.now(), "refused");
