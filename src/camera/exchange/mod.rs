@@ -208,7 +208,7 @@ impl Exchange {
         matches!(self.stage, Stage::Standing)
             && self.flight.is_none()
             && self.armed
-            && self.in_force.is_some_and(|in_force| in_force.settings == self.wanted)
+            && self.in_force.is_some_and(|in_force| in_force.settings == self.to_ask())
     }
 
     /// Whether the conversation is over.
@@ -330,7 +330,7 @@ impl Exchange {
         if self.patience.as_ref().is_some_and(Patience::is_for_device) {
             return self.wait(now);
         }
-        let wanted = self.wanted;
+        let wanted = self.to_ask();
         match self.in_force {
             Some(in_force) if in_force.settings == wanted && self.armed => self.stand(),
             Some(in_force) if in_force.settings == wanted => self.ask(now, Request::Arm),
@@ -365,7 +365,7 @@ impl Exchange {
     fn ask(&mut self, now: Stamp, request: Request) {
         let config_id = self.in_force.map_or(0, |in_force| in_force.config_id);
         if request == Request::Configure {
-            self.asked = self.wanted;
+            self.asked = self.to_ask();
         }
         let request_id = self.say(&match request {
             Request::Hello => ClientMessage::Hello(Hello::controller(self.run_id, "bladescan")),
@@ -394,6 +394,15 @@ impl Exchange {
             request_id,
             due: now.plus_ms(self.times.reply_timeout_ms),
         };
+    }
+
+    /// The wanted settings, and the matching scores where the camera offers them.
+    fn to_ask(&self) -> CameraSettings {
+        let offered = self.caps.as_ref().map_or(0, |caps| caps.components);
+        CameraSettings {
+            components: self.wanted.components | offered & ComponentKind::Confidence.bit(),
+            ..self.wanted
+        }
     }
 
     fn is_asking(&self, wanted: Request, reply_to: u32) -> bool {

@@ -13,6 +13,23 @@ fn the_opening_greets_with_the_run_and_ends_armed() {
 }
 
 #[test]
+fn matching_scores_are_asked_for_where_they_are_offered() {
+    let confidence = ComponentKind::Confidence.bit();
+    for offered in [0, confidence] {
+        let mut bench = Bench::new(vec![PAGE_SETTINGS]);
+        bench.caps.components = bench.caps.components & !confidence | offered;
+        bench.connect();
+        bench.serve();
+        assert!(bench.exchange.is_armed());
+        let [CameraEvent::Ready(opened)] = &bench.events[..] else {
+            panic!("{:?}", bench.events)
+        };
+        let in_force = opened.configured.settings.components;
+        assert_eq!(in_force, PAGE_SETTINGS.components | offered);
+    }
+}
+
+#[test]
 fn an_echo_that_differs_is_trouble_named_by_its_setting() {
     let mut bench = Bench::new(vec![PAGE_SETTINGS]);
     bench.connect();
