@@ -19,18 +19,18 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 #[derive(Args)]
 pub(crate) struct CleaningArguments {
-    /// Recipes of built-in blades, whose optics, pose and cleaning are taken.
-    #[arg(default_values_t = ["hpt-blade-a", "hpt-blade-b", "hpt-blade-c", "lpt-blade"].map(|name| format!("config/recipes/{name}.toml")))]
+    /// Recipes of built-in blades, whose optics, pose, exposures and cleaning are taken.
+    #[arg(default_values_t = BLADES.into_iter().flat_map(|name| [
+        format!("config/recipes/{name}.toml"),
+        format!("config/recipes/{name}-polished.toml"),
+    ]))]
     recipes: Vec<String>,
-    /// Surfaces of the blades.
-    #[arg(long, value_delimiter = ',', default_value = "matte,machined,polished")]
-    surfaces: Vec<String>,
+    /// Surface of the blades; without it, polished for recipes whose name ends so, and matte for the others.
+    #[arg(long)]
+    surface: Option<String>,
     /// Views of each, spread over a turn.
     #[arg(long, default_value_t = 6)]
     views: u32,
-    /// Exposures of the dark and the bright pass of surfaces that are not matte, µs.
-    #[arg(long, value_delimiter = ',', default_value = "300,4000")]
-    hdr_us: Vec<u32>,
     /// Seed of the artefacts.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -59,26 +59,26 @@ pub(crate) fn run(arguments: &CleaningArguments) -> Result<(), Box<dyn Error>> {
     writeln!(out, "|{}", "---|".repeat(7 + CAUSES.len() + REASONS.len()))?;
     for path in &arguments.recipes {
         let recipe = Recipe::parse(path, &std::fs::read_to_string(PathBuf::from(path))?)?;
-        for surface in &arguments.surfaces {
-            let tally = tally(arguments, &recipe, surface)?;
-            let bad: usize = tally.bad.iter().map(|(count, _)| count).sum();
-            let missed: usize = tally.bad.iter().map(|(_, missed)| missed).sum();
-            let percent = |part: usize, whole: usize| 100.0 * part as f64 / whole.max(1) as f64;
-            let causes = tally
-                .bad
-                .map(|(count, missed)| format!("{} of {count}", count - missed))
-                .join(" | ");
-            writeln!(
-                out,
-                "| {} | {surface} | {bad} | {:.2} % | {} | {causes} | {} | {:.2} % | {} |",
-                recipe.name,
-                percent(bad - missed, bad),
-                tally.far_missed,
-                tally.good_count,
-                percent(tally.lost.iter().sum(), tally.good_count),
-                tally.lost.map(|count| count.to_string()).join(" | ")
-            )?;
-        }
+        let own_surface = if path.contains("polished") { "polished" } else { "matte" };
+        let surface = arguments.surface.as_deref().unwrap_or(own_surface);
+        let tally = tally(arguments, &recipe, surface)?;
+        let bad: usize = tally.bad.iter().map(|(count, _)| count).sum();
+        let missed: usize = tally.bad.iter().map(|(_, missed)| missed).sum();
+        let percent = |part: usize, whole: usize| 100.0 * part as f64 / whole.max(1) as f64;
+        let causes = tally
+            .bad
+            .map(|(count, missed)| format!("{} of {count}", count - missed))
+            .join(" | ");
+        writeln!(
+            out,
+            "| {} | {surface} | {bad} | {:.2} % | {} | {causes} | {} | {:.2} % | {} |",
+            recipe.name,
+            percent(bad - missed, bad),
+            tally.far_missed,
+            tally.good_count,
+            percent(tally.lost.iter().sum(), tally.good_count),
+            tally.lost.map(|count| count.to_string()).join(" | ")
+        )?;
     }
     Ok(())
 }
@@ -90,15 +90,12 @@ fn tally(arguments: &CleaningArguments, recipe: &Recipe, surface: &str) -> Resul
     let blade = Builtin::from_name(blade).ok_or("no such blade")?;
     let optics = Optics::from_name(recipe.camera.optics.name()).ok_or("no such optics")?;
     let renderer = Renderer::new(&blade.mesh(), Surface::from_name(surface).ok_or("no such surface")?)?;
-    let hdr_us = if surface == "matte" {
-        [0; 2]
-    } else {
-        <[u32; 2]>::try_from(arguments.hdr_us.as_slice()).map_err(|_| "two exposures are needed")?
-    };
+    let exposure = recipe.camera.exposure;
     let capture = Capture {
         binning: recipe.camera.roi == Roi::Binned,
-        exposure_us: f64::from(recipe.camera.exposure.exposure_us),
-        hdr_us,
+        exposure_us: f64::from(exposure.exposure_us),
+        hdr_us: [exposure.hdr_low_us, exposure.hdr_high_us].map(Option::unwrap_or_default),
+        image_count: u32::from(recipe.camera.image_count),
         ..Capture::default()
     };
     let mut tally = Tally::default();
@@ -149,6 +146,7 @@ fn grid(frame: &Frame) -> Grid {
     })
 }
 
+const BLADES: [&str; 4] = ["hpt-blade-a", "hpt-blade-b", "hpt-blade-c", "lpt-blade"];
 const BAD_SIGMA: f64 = 5.0;
 const FAR_SIGMA: f64 = 8.0;
 const REASONS: [(&str, Verdict); 6] = [

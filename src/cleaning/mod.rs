@@ -3,7 +3,8 @@
 //! 1. A plane is fitted through the 5 × 5 window about every pixel: its normal, the incidence, and the point's offset.
 //! 2. Points that stand alone are taken out, then outliers: those whose offset is the greatest about them and beyond the
 //!    limit, over a few rounds, the planes about them fitted anew. The limit follows the noise of this view, estimated from
-//!    all offsets; it grows with the incidence as light falls off.
+//!    all offsets; it grows with the incidence as light falls off. Where points clearly fly at the edges of the view, the
+//!    limit is stricter at all its edges, and points that jut out there are left out.
 //! 3. Neighbours without a step between them are linked; small islands with a cliff about them are patches that float
 //!    before or behind the surface.
 //! 4. What is left without a plane lies at an edge; what is seen at too large an angle is grazing.
@@ -161,7 +162,7 @@ impl Judged {
         }
     }
 
-    /// Outliers; and where points fly at the edges of this view, doubtful points at its edges too.
+    /// Outliers; and where points fly at the edges of this view, doubtful and exposed points at its edges too.
     fn take_out_outliers(&mut self, limit_mm: f32) {
         let clearly_flying_count = self.take_out_beyond(limit_mm, limit_mm);
         let isolated_count = self
@@ -169,9 +170,31 @@ impl Judged {
             .iter()
             .filter(|verdict| **verdict == Verdict::Isolated)
             .count();
-        if (clearly_flying_count + isolated_count) as f32 > FLYING_MAX_FRACTION * self.edge_count() as f32 {
+        let strange_count = (clearly_flying_count + isolated_count) as f32;
+        // Lone points alone prove nothing: frayed edges have them, too.
+        if clearly_flying_count > 0 && strange_count > STRANGE_MAX_FRACTION * self.edge_count() as f32 {
             self.take_out_beyond(limit_mm, DOUBTFUL_FRACTION * limit_mm);
+            self.take_out_exposed();
         }
+    }
+
+    /// Points at an edge that jut out of what is left: with so few beside them, their plane follows them, wherever they fly.
+    fn take_out_exposed(&mut self) {
+        let found = self.find(|row, column, _| {
+            self.kept_count_beside(row, column) <= EXPOSED_MAX_COUNT && self.is_at_an_edge((row as u32, column as u32))
+        });
+        self.take_out(&found, Verdict::Flying);
+    }
+
+    /// How many of the eight pixels beside a kept one are kept.
+    fn kept_count_beside(&self, row: usize, column: usize) -> usize {
+        let (width, height) = (self.grid.width(), self.grid.height());
+        let columns = column.saturating_sub(1)..(column + 2).min(width);
+        let kept = |row: usize| {
+            let verdicts = &self.verdicts[row * width..][columns.clone()];
+            verdicts.iter().filter(|verdict| **verdict == Verdict::Kept).count()
+        };
+        (row.saturating_sub(1)..(row + 2).min(height)).map(kept).sum::<usize>() - 1
     }
 
     /// Returns how many flew at twice the limit or more.
@@ -364,10 +387,12 @@ fn median(mut values: Vec<f32>) -> Option<f32> {
     (middle < values.len()).then(|| *values.select_nth_unstable_by(middle, f32::total_cmp).1)
 }
 
-/// Where the points that clearly fly or stand alone are more than this share of those at edges...
-const FLYING_MAX_FRACTION: f32 = 0.005;
-/// ... this share of the limit holds for the others there: some flew only a little.
-const DOUBTFUL_FRACTION: f32 = 0.35;
+/// Where points clearly fly, and they and those that stand alone are more than this share of those at edges...
+const STRANGE_MAX_FRACTION: f32 = 0.005;
+/// ... this share of the limit holds for the others there, since some flew only a little...
+const DOUBTFUL_FRACTION: f32 = 0.42;
+/// ... and points there with no more than so many of eight beside them are left out.
+const EXPOSED_MAX_COUNT: usize = 3;
 /// Estimates look at every so manyth row and column.
 const SAMPLE_STEP: usize = 8;
 /// Rounds of taking out before what remains is left in peace.

@@ -136,6 +136,27 @@ fn points_between_two_surfaces_are_flying() {
 }
 
 #[test]
+fn what_juts_out_is_left_out_only_where_points_fly() {
+    // The sheet ends at column 60; every sixth row is a pixel longer. Others of the last column may fly.
+    let juts = |row: usize, column: usize| row % 6 == 2 && column == 60;
+    let flies = |row: usize, column: usize| row % 6 == 5 && column == 59;
+    let ending = |flying_mm: f32| {
+        judged(move |row, column, z| match column {
+            60.. if !juts(row, column) => f32::NAN,
+            _ if flies(row, column) => z + flying_mm,
+            _ => z,
+        })
+    };
+    let (still, flying) = (ending(0.0), ending(0.3));
+    for row in (2..HEIGHT - 2).step_by(6) {
+        assert_eq!(verdict(&still, row, 60), Verdict::Kept, "{row}");
+        assert_ne!(verdict(&flying, row, 60), Verdict::Kept, "{row}");
+        assert_eq!(verdict(&flying, row + 3, 59), Verdict::Flying, "{row}");
+        assert_eq!(verdict(&flying, row, 58), Verdict::Kept, "{row}");
+    }
+}
+
+#[test]
 fn grazing_points_are_left_out() {
     // 80 degrees: the depth grows by 5.7 times the way across.
     let grid = |slope: f32| {
