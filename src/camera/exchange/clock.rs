@@ -8,9 +8,9 @@ use std::collections::VecDeque;
 pub struct ClockEstimate {
     /// Device time less run time, ns, right to half the round trip.
     pub offset_ns: i64,
-    /// From our ping to its answer, ns: the shortest of the last [`WINDOW`] answers.
+    /// From our ping to its answer, ns: the shortest of the last eight answers.
     pub round_trip_ns: u64,
-    /// How much faster the device's clock runs, parts in a million; `None` until there are [`SKEW_AFTER_NS`] to tell it from.
+    /// How much faster the device's clock runs, parts in a million; `None` until there are ten seconds to tell it from.
     pub skew_ppm: Option<f64>,
 }
 
