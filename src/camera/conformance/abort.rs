@@ -4,24 +4,23 @@ use super::bench::{Bench, frame_ms, require, trigger_ok};
 use super::course::Course;
 use super::states::aborts_nothing;
 use super::triggers::is_quiet;
-use super::{Clause, Miss, Needs};
+use super::{Clause, Miss, Needs, clause};
 use crate::camera::lines::LineId;
 use crate::camera::message::{AcquisitionPhase, CameraState, ClientMessage, FrameStatus, TRIGGER_ALL};
 
 pub(super) const CLAUSES: &[Clause] = &[
-    Clause {
-        needs: Needs::Nothing,
-        ..clause(
-            "3.2-abort-nothing",
-            "ABORT is answered by ABORTED with phase 0 when nothing is in flight",
-            "ABORT in IDLE",
-            |bench| {
-                let line = bench.controller()?;
-                aborts_nothing(bench, line)
-            },
-        )
-    },
     clause(
+        Needs::Nothing,
+        "3.2-abort-nothing",
+        "ABORT is answered by ABORTED with phase 0 when nothing is in flight",
+        "ABORT in IDLE",
+        |bench| {
+            let line = bench.controller()?;
+            aborts_nothing(bench, line)
+        },
+    ),
+    clause(
+        Needs::Exposures,
         "3.2-abort-exposure",
         "ABORT during the exposure: ABORTED in phase 1 or 2, nothing more of that trigger, the state is ARMED again",
         "TRIGGER and ABORT in one piece",
@@ -40,18 +39,21 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Exposures,
         "3.2-abort-reconstruction",
         "ABORT during the reconstruction: ABORTED in phase 3, no complete frame, the state is ARMED again",
         "ABORT as soon as EXPOSURE_DONE has come",
         |bench| abort_after(bench, "EXPOSURE_DONE"),
     ),
     clause(
+        Needs::Exposures,
         "3.2-abort-transfer",
         "ABORT during the transfer: ABORTED in phase 4, then FRAME_END with status 1 that lists what was sent; ARMED again",
         "ABORT as soon as FRAME_BEGIN of a large frame has come",
         |bench| abort_after(bench, "FRAME_BEGIN"),
     ),
     clause(
+        Needs::Exposures,
         "3.2-abort-all",
         "ABORT of the id that stands for all ends whatever is in flight",
         "ABORT of FFFF FFFF FFFF FFFF as soon as TRIGGER_OK has come",
@@ -66,6 +68,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Exposures,
         "3.2-abort-then",
         "after ABORTED the next trigger is taken",
         "TRIGGER, ABORT, and one whole acquisition",
@@ -80,6 +83,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Exposures,
         "3.2-abort-fetch",
         "what was aborted has no frame: FETCH gets ERROR 602",
         "TRIGGER, ABORT, FETCH",
@@ -104,21 +108,6 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
 ];
-
-const fn clause(
-    id: &'static str,
-    says: &'static str,
-    does: &'static str,
-    check: fn(&mut Bench<'_, '_>) -> Result<(), Miss>,
-) -> Clause {
-    Clause {
-        id,
-        says,
-        does,
-        needs: Needs::Exposures,
-        check,
-    }
-}
 
 fn abort_after(bench: &mut Bench<'_, '_>, step: &'static str) -> Result<(), Miss> {
     let settings = match step {

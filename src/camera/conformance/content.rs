@@ -2,13 +2,14 @@
 
 use super::bench::{Bench, require};
 use super::course::Course;
-use super::{Clause, Miss, Needs};
+use super::{Clause, Miss, Needs, clause};
 use crate::camera::lines::LineId;
 use crate::camera::message::{ComponentKind, Configured, FrameBegin};
 use crate::camera::settings::CameraSettings;
 
 pub(super) const CLAUSES: &[Clause] = &[
     clause(
+        Needs::Exposures,
         "2-server-frames",
         "the server's own frames keep section 2: both CRCs agree, counts go up by one, flags fit, no payload is too long",
         "one acquisition, every frame checked",
@@ -19,6 +20,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Exposures,
         "4.10-head",
         "FRAME_BEGIN names trigger, view, config, calibration, region and the times of EXPOSURE_DONE; it tells who is simulated",
         "one acquisition of a part of the sensor",
@@ -47,6 +49,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Exposures,
         "4.10-binned",
         "a binned frame has half the sensor's width and height, and says so",
         "one binned acquisition",
@@ -57,6 +60,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Exposures,
         "4.10-components",
         "the components are those that were asked for, ascending, with their formats and sizes, as large as CONFIGURED said",
         "one acquisition with every component offered (but one of XYZ and RANGE), one with points and MASK alone",
@@ -88,6 +92,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Exposures,
         "4.10-mask",
         "MASK bit 0 marks exactly the pixels whose XYZ is NaN in all three; bits 5 to 7 are 0; valid_count is the rest",
         "one acquisition, every pixel looked at",
@@ -98,6 +103,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Exposures,
         "4.10-hdr",
         "frame_flags count the exposure passes",
         "one acquisition with a darker and a brighter pass",
@@ -118,6 +124,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Exposures,
         "4.11-chunks",
         "chunks come in order: components ascending, indices from 0, offsets without a gap, as many as FRAME_BEGIN says",
         "one large frame",
@@ -136,6 +143,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Exposures,
         "4.12-end",
         "FRAME_END has the byte counts and CRC-32C of all that was sent, and the valid_count of FRAME_BEGIN",
         "one acquisition, every byte counted and summed",
@@ -146,21 +154,6 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
 ];
-
-const fn clause(
-    id: &'static str,
-    says: &'static str,
-    does: &'static str,
-    check: fn(&mut Bench<'_, '_>) -> Result<(), Miss>,
-) -> Clause {
-    Clause {
-        id,
-        says,
-        does,
-        needs: Needs::Exposures,
-        check,
-    }
-}
 
 fn acquire(bench: &mut Bench<'_, '_>, settings: &CameraSettings) -> Result<(Course, Configured), Miss> {
     let (line, configured): (LineId, Configured) = bench.armed(settings)?;

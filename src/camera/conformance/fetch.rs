@@ -3,28 +3,27 @@
 use super::bench::{Bench, frame_ms, hello, require, unexpected};
 use super::course::Course;
 use super::triggers::configure_and_arm;
-use super::{Clause, Miss, Needs};
+use super::{Clause, Miss, Needs, clause};
 use crate::camera::lines::{LineId, server_message};
 use crate::camera::message::{Bye, CameraState, ClientMessage, Configured, FetchOk, FetchState, ServerMessage};
 
 pub(super) const CLAUSES: &[Clause] = &[
-    Clause {
-        needs: Needs::Nothing,
-        ..clause(
-            "3.3-fetch-miss",
-            "FETCH of what was never triggered in this run: ERROR 602, retryable 0",
-            "FETCH in IDLE",
-            |bench| {
-                let line = bench.controller()?;
-                let trigger_id = bench.trigger_id(0);
-                let error = bench.refused(line, &ClientMessage::Fetch { trigger_id }, 602)?;
-                require(!error.retryable, || {
-                    "the refusal says that trying again may help".into()
-                })
-            },
-        )
-    },
     clause(
+        Needs::Nothing,
+        "3.3-fetch-miss",
+        "FETCH of what was never triggered in this run: ERROR 602, retryable 0",
+        "FETCH in IDLE",
+        |bench| {
+            let line = bench.controller()?;
+            let trigger_id = bench.trigger_id(0);
+            let error = bench.refused(line, &ClientMessage::Fetch { trigger_id }, 602)?;
+            require(!error.retryable, || {
+                "the refusal says that trying again may help".into()
+            })
+        },
+    ),
+    clause(
+        Needs::Exposures,
         "3.3-fetch-stored",
         "a frame that was sent whole is stored: FETCH_OK state 2, then the same bytes with the same frame id",
         "one acquisition, then FETCH",
@@ -42,6 +41,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Exposures,
         "3.3-fetch-idle",
         "FETCH is served in IDLE",
         "one acquisition, DISARM, FETCH",
@@ -56,6 +56,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Exposures,
         "3.3-fetch-in-flight",
         "an acquisition lives on when its connection ends; FETCH from the next one brings it, then the state is IDLE",
         "TRIGGER, the connection closed, HELLO of the same run, FETCH",
@@ -70,12 +71,14 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Exposures,
         "3.3-fetch-torn",
         "a frame whose connection was lost in the middle is fetched with the same bytes and frame id, exposed once",
         "a large frame, the connection closed after FRAME_BEGIN and a chunk, HELLO of the same run, FETCH",
         torn,
     ),
     clause(
+        Needs::Exposures,
         "3.3-fetch-half-open",
         "with the old connection still open, HELLO of the same run takes its place (BYE 6) and FETCH brings the frame",
         "TRIGGER on one connection, HELLO of the same run and FETCH on another",
@@ -89,6 +92,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Exposures,
         "3.3-store",
         "the store keeps the last four complete frames of the run: the fifth before is gone",
         "five acquisitions, then FETCH of each",
@@ -110,6 +114,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Exposures,
         "3.3-fetch-other-run",
         "a controller of another run finds no frame of the run before: ERROR 602",
         "one acquisition, then FETCH by a controller of another run",
@@ -126,6 +131,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Exposures,
         "3.2-new-run-aborts",
         "a controller of another run aborts what is in flight",
         "TRIGGER, the connection closed, HELLO of another run, FETCH",
@@ -141,6 +147,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Exposures,
         "3.3-boot-id",
         "the boot id stays the same while the server runs, whatever becomes of connections",
         "a connection lost during an acquisition, its frame fetched, the place taken again; boot ids compared",
@@ -156,21 +163,6 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
 ];
-
-const fn clause(
-    id: &'static str,
-    says: &'static str,
-    does: &'static str,
-    check: fn(&mut Bench<'_, '_>) -> Result<(), Miss>,
-) -> Clause {
-    Clause {
-        id,
-        says,
-        does,
-        needs: Needs::Exposures,
-        check,
-    }
-}
 
 /// A controller, armed, whose run id is known.
 fn own_run(bench: &mut Bench<'_, '_>, large: bool) -> Result<(u64, LineId, Configured), Miss> {

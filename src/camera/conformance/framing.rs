@@ -1,48 +1,55 @@
 //! Section 2: what is wrong with a frame is found, in the order of the page, and ends the connection.
 
 use super::bench::{Bench, is_error, require};
-use super::{Clause, Miss, Needs};
+use super::{Clause, Miss, Needs, clause};
 use crate::camera::lines::LineId;
 use crate::camera::message::{Bye, CameraState, ClientMessage};
 
 pub(super) const CLAUSES: &[Clause] = &[
     clause(
+        Needs::Nothing,
         "2-magic",
         "a frame that does not begin with A3DP is a protocol error: ERROR 101, BYE 3, close",
         "GET_STATUS with the magic B3DP",
         |bench| bad_header(bench, 101, |header| header[0] = b'B'),
     ),
     clause(
+        Needs::Nothing,
         "2-header-crc",
         "a header whose CRC does not agree: ERROR 102, BYE 3, close",
         "GET_STATUS with one bit of the header CRC changed",
         |bench| bad_frame(bench, 102, |bytes| bytes[28] ^= 1),
     ),
     clause(
+        Needs::Nothing,
         "2-major",
         "another major version in a header: ERROR 105, BYE 3, close",
         "GET_STATUS with major 2 in the header",
         |bench| bad_header(bench, 105, |header| header[4] = 2),
     ),
     clause(
+        Needs::Nothing,
         "2-header-len",
         "another header length: ERROR 108, BYE 3, close",
         "GET_STATUS with header_len 36",
         |bench| bad_header(bench, 108, |header| header[5] = 36),
     ),
     clause(
+        Needs::Nothing,
         "2-reserved",
         "reserved bytes of a header that are not 0: ERROR 109, BYE 3, close",
         "GET_STATUS with byte 22 set",
         |bench| bad_header(bench, 109, |header| header[22] = 1),
     ),
     clause(
+        Needs::Nothing,
         "2-unknown-flag",
         "an unknown flag bit: ERROR 109, BYE 3, close",
         "GET_STATUS with flag bit 3",
         |bench| bad_header(bench, 109, |header| header[20] = 8),
     ),
     clause(
+        Needs::Nothing,
         "2-oversize",
         "a payload of more than 65,536 bytes: ERROR 104, BYE 3, close, before the payload comes",
         "the header of a GET_STATUS that announces 65,537 bytes, and nothing after it",
@@ -53,24 +60,28 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Nothing,
         "2-sequence-skip",
         "a sequence number that was skipped: ERROR 107, BYE 3, close",
         "GET_STATUS with a sequence number one too high",
         |bench| bad_header(bench, 107, |header| header[16] += 1),
     ),
     clause(
+        Needs::Nothing,
         "2-sequence-repeat",
         "a sequence number that comes twice: ERROR 107, BYE 3, close",
         "GET_STATUS with a sequence number one too low",
         |bench| bad_header(bench, 107, |header| header[16] -= 1),
     ),
     clause(
+        Needs::Nothing,
         "2-sequence-first",
         "the first frame of a connection has sequence number 0",
         "HELLO with sequence number 1",
         first_sequence,
     ),
     clause(
+        Needs::Nothing,
         "2-payload-crc",
         "a payload whose CRC does not agree: ERROR 103, BYE 3, close",
         "PING with one bit of its payload changed",
@@ -83,30 +94,35 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Nothing,
         "2-order",
         "of several mistakes the first in the page's order counts: magic, header CRC, version, length, reserved, size, sequence",
         "headers with every later mistake beside the one that must be named",
         order,
     ),
     clause(
+        Needs::Nothing,
         "2-pieces",
         "frames may come in any pieces of the stream",
         "GET_STATUS byte by byte, then two GET_STATUS in one piece",
         pieces,
     ),
     clause(
+        Needs::Nothing,
         "2-payload-short",
         "a payload shorter than its fields is malformed: ERROR 108, BYE 3, close",
         "PING with 7 bytes",
         |bench| malformed(bench, 0x60, &[0; 7]),
     ),
     clause(
+        Needs::Nothing,
         "2-payload-long",
         "a payload longer than its fields is malformed: ERROR 108, BYE 3, close",
         "PING with 9 bytes",
         |bench| malformed(bench, 0x60, &[0; 9]),
     ),
     clause(
+        Needs::Nothing,
         "2-payload-reserved",
         "reserved bytes of a payload are 0: ERROR 108 or 109, BYE 3, close",
         "ARM with a reserved byte set",
@@ -122,6 +138,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Nothing,
         "3.6-flags",
         "flags that do not fit the type: ERROR 108, BYE 3, close",
         "GET_STATUS with the reply flag",
@@ -133,6 +150,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Nothing,
         "3.6-request-0",
         "request id 0 on a request: ERROR 108, BYE 3, close",
         "GET_STATUS with request id 0",
@@ -144,6 +162,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Nothing,
         "3.6-survives",
         "a connection that breaks the protocol is ended alone: others go on",
         "an observer sends a bad magic while a controller is connected",
@@ -158,21 +177,6 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
 ];
-
-const fn clause(
-    id: &'static str,
-    says: &'static str,
-    does: &'static str,
-    check: fn(&mut Bench<'_, '_>) -> Result<(), Miss>,
-) -> Clause {
-    Clause {
-        id,
-        says,
-        does,
-        needs: Needs::Nothing,
-        check,
-    }
-}
 
 /// GET_STATUS with changed bytes.
 fn bad_frame(bench: &mut Bench<'_, '_>, code: u16, change: impl Fn(&mut [u8])) -> Result<(), Miss> {

@@ -47,6 +47,23 @@ enum Needs {
     Exposures,
 }
 
+/// What `id` names, `says` and `does` as [`Clause`] has them.
+const fn clause(
+    needs: Needs,
+    id: &'static str,
+    says: &'static str,
+    does: &'static str,
+    check: fn(&mut Bench<'_, '_>) -> Result<(), Miss>,
+) -> Clause {
+    Clause {
+        id,
+        says,
+        does,
+        needs,
+        check,
+    }
+}
+
 /// Why a clause was not seen to hold.
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum Miss {

@@ -2,18 +2,18 @@
 
 use super::bench::{Bench, require, unexpected};
 use super::states::gets_what_the_table_says;
-use super::{Clause, Miss, Needs};
+use super::{Clause, Miss, Needs, clause};
 use crate::camera::lines::{LineId, server_message};
 use crate::camera::message::{CameraError, CameraState, DeviceEvent, ServerMessage};
 
-pub(super) const CLAUSES: &[Clause] = &[Clause {
-    id: "3.5-device-lost",
-    says: "a device that is lost or reset: EVENT 3, ERROR 501 or 504 (retryable) that names the trigger, the table's answers \
+pub(super) const CLAUSES: &[Clause] = &[clause(
+    Needs::Exposures,
+    "3.5-device-lost",
+    "a device that is lost or reset: EVENT 3, ERROR 501 or 504 (retryable) that names the trigger, the table's answers \
            while it is away, EVENT 4 when it is back, IDLE without settings; one that is broken: ERROR 500, state FAULT",
-    does: "one acquisition; tried only when the device is lost during it: cut its power then",
-    needs: Needs::Exposures,
-    check: device_lost,
-}];
+    "one acquisition; tried only when the device is lost during it: cut its power then",
+    device_lost,
+)];
 
 fn device_lost(bench: &mut Bench<'_, '_>) -> Result<(), Miss> {
     let settings = bench.context.small;

@@ -2,7 +2,7 @@
 
 use super::bench::{Bench, REPLY_MS, arm, bye, hello, is_error, require, trigger, unexpected};
 use super::framing::ends_with_bye;
-use super::{Clause, Miss, Needs};
+use super::{Clause, Miss, Needs, clause};
 use crate::camera::lines::{LineId, server_message};
 use crate::camera::message::{
     Bye, CameraState, Caps, ClientMessage, ComponentKind, Greeting, Hello, ServerMessage, TRIGGER_ALL, TriggerId,
@@ -10,12 +10,14 @@ use crate::camera::message::{
 
 pub(super) const CLAUSES: &[Clause] = &[
     clause(
+        Needs::Nothing,
         "3.1-before-hello",
         "before HELLO every message but HELLO and BYE gets ERROR 205, and the connection stays open",
         "every request before HELLO, then HELLO",
         before_hello,
     ),
     clause(
+        Needs::Nothing,
         "4-unknown-type",
         "an unknown type gets ERROR 106, and the connection stays open",
         "a frame of type 0x0999, then GET_STATUS",
@@ -28,6 +30,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Nothing,
         "4.1-version",
         "a server that speaks none of the versions answers ERROR 105 and BYE 3",
         "HELLO for versions 2.0 to 3.0",
@@ -43,6 +46,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Nothing,
         "4.1-version-range",
         "a server that speaks one of the versions takes it",
         "HELLO for versions 1.0 to 2.7",
@@ -59,6 +63,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Nothing,
         "4.1-role",
         "a role other than 1 and 2: ERROR 301",
         "HELLO with role 3",
@@ -76,12 +81,14 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Nothing,
         "4.1-run-id",
         "a controller's run id is not 0: ERROR 301",
         "HELLO as a controller with run id 0",
         |bench| refused_hello(bench, &hello(0), 301).map(|_| ()),
     ),
     clause(
+        Needs::Nothing,
         "4.1-name",
         "the client's name has 1 to 64 bytes, else ERROR 301",
         "HELLO with no name, with 65 bytes, and with 64 bytes",
@@ -109,6 +116,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Nothing,
         "4.2-greeting",
         "HELLO_OK names version 1.0, the role, limits within the page's, a clock of 1 GHz, and who it is",
         "HELLO as a controller and as an observer; boot ids and sessions compared",
@@ -127,12 +135,14 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Nothing,
         "4.3-caps",
         "CAPS holds ranges that can be met: least, usual and greatest in order, MASK and XYZ or RANGE offered",
         "GET_CAPS",
         |bench| caps_make_sense(&bench.context.caps),
     ),
     clause(
+        Needs::Nothing,
         "3.4-second-controller",
         "a second controller gets ERROR 201 whose text names the holder, then BYE 5, and is closed",
         "HELLO of another run while a controller is connected",
@@ -145,12 +155,14 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Nothing,
         "3.4-observer",
         "an observer may GET_CAPS, GET_STATUS and PING; anything else gets 207, and the connection stays open",
         "every request on an observer's connection",
         observer_only_reads,
     ),
     clause(
+        Needs::Nothing,
         "3.4-observers",
         "three observers are served beside a controller; a fourth gets ERROR 201 and BYE 5",
         "one controller and four observers",
@@ -163,26 +175,25 @@ pub(super) const CLAUSES: &[Clause] = &[
             ends_with_bye(bench, line, Bye::REFUSED)
         },
     ),
-    Clause {
-        needs: Needs::Device,
-        ..clause(
-            "4.14-config-changed",
-            "an observer hears EVENT 6 when the controller has configured",
-            "CONFIGURE while an observer listens",
-            |bench| {
-                let observer = bench.observer()?;
-                let line = bench.controller()?;
-                let settings = bench.context.small;
-                bench.configure(line, &settings)?;
-                bench.lines.pass(EVENT_MS);
-                let heard = bench.lines.line(observer).events().iter().any(|event| event.code == 6);
-                require(heard, || {
-                    format!("no EVENT 6 came to the observer within {EVENT_MS} ms")
-                })
-            },
-        )
-    },
     clause(
+        Needs::Device,
+        "4.14-config-changed",
+        "an observer hears EVENT 6 when the controller has configured",
+        "CONFIGURE while an observer listens",
+        |bench| {
+            let observer = bench.observer()?;
+            let line = bench.controller()?;
+            let settings = bench.context.small;
+            bench.configure(line, &settings)?;
+            bench.lines.pass(EVENT_MS);
+            let heard = bench.lines.line(observer).events().iter().any(|event| event.code == 6);
+            require(heard, || {
+                format!("no EVENT 6 came to the observer within {EVENT_MS} ms")
+            })
+        },
+    ),
+    clause(
+        Needs::Nothing,
         "3.3-replaced",
         "a HELLO with the run id of the connected controller takes its place; the older connection gets BYE 6",
         "HELLO twice with one run id, from two connections",
@@ -195,6 +206,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Nothing,
         "3.6-bye",
         "a BYE is not answered by another; after it both close",
         "BYE from a controller and from an observer",
@@ -212,6 +224,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Nothing,
         "3.6-closed",
         "when a controller's connection ends without a word, its place is free",
         "a controller's connection is closed; a controller of another run greets",
@@ -222,21 +235,6 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
 ];
-
-const fn clause(
-    id: &'static str,
-    says: &'static str,
-    does: &'static str,
-    check: fn(&mut Bench<'_, '_>) -> Result<(), Miss>,
-) -> Clause {
-    Clause {
-        id,
-        says,
-        does,
-        needs: Needs::Nothing,
-        check,
-    }
-}
 
 /// A connection whose HELLO must be refused with this code.
 fn refused_hello(bench: &mut Bench<'_, '_>, greeting: &Hello, code: u16) -> Result<LineId, Miss> {

@@ -1,13 +1,14 @@
 //! CONFIGURE, its echo, and ARM (sections 4.4 to 4.6).
 
 use super::bench::{Bench, REPLY_MS, arm, hello, is_error, require};
-use super::{Clause, Miss, Needs};
+use super::{Clause, Miss, Needs, clause};
 use crate::camera::lines::LineId;
 use crate::camera::message::{Arm, CameraState, ClientMessage, ComponentKind};
 use crate::camera::settings::{CameraSettings, VolumeOfInterest};
 
 pub(super) const CLAUSES: &[Clause] = &[
     clause(
+        Needs::Device,
         "4.5-echo",
         "CONFIGURED echoes every setting as asked, its config id is not 0, frame_bytes fits, total follows exposure",
         "CONFIGURE with a part of the sensor, and with binning",
@@ -30,6 +31,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Device,
         "4.5-ascending",
         "the settings in force come in ascending order of tags",
         "CONFIGURE with the tags in descending order",
@@ -46,6 +48,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Device,
         "4.5-new-id",
         "the config id is new for each accepted CONFIGURE",
         "the same settings three times",
@@ -62,18 +65,21 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Device,
         "4.4-critical-tag",
         "an unknown critical tag: ERROR 304",
         "the settings and tag 0x80F0",
         |bench| list(bench, Some(304), |records| records.push(vec![0xF0, 0x80, 1, 0, 7])),
     ),
     clause(
+        Needs::Device,
         "4.4-optional-tag",
         "an unknown tag without bit 15 is ignored",
         "the settings and tag 0x00F0",
         |bench| list(bench, None, |records| records.push(vec![0xF0, 0x00, 1, 0, 7])),
     ),
     clause(
+        Needs::Device,
         "4.4-missing",
         "a missing tag: ERROR 305",
         "the settings, once without each tag",
@@ -88,6 +94,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Device,
         "4.4-repeated",
         "a repeated tag: ERROR 306",
         "the settings, once with each tag twice",
@@ -100,6 +107,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Device,
         "4.4-damaged",
         "a damaged list or a value of a wrong length: ERROR 108, and the connection stays open",
         "a list cut inside a record, a value one byte short, a value one byte long; then a good list",
@@ -126,24 +134,28 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Device,
         "4.4-range",
         "a value out of its range: ERROR 301",
         "each setting below and above what CAPS and the page allow",
         out_of_range,
     ),
     clause(
+        Needs::Device,
         "4.4-roi",
         "the region of interest lies inside the sensor (301) and on its steps (302); it is not checked while binned",
         "regions too small, beyond the sensor, off the steps; then one off the steps, binned",
         regions,
     ),
     clause(
+        Needs::Device,
         "4.4-components",
         "MASK and one of XYZ and RANGE are among the components (301); a kind that is not offered: ERROR 307",
         "CONFIGURE without MASK, without points, and with a kind that CAPS does not offer",
         components,
     ),
     clause(
+        Needs::Device,
         "4.4-refused-keeps",
         "a refused CONFIGURE leaves the settings in force",
         "good settings, then bad ones, then ARM for the good ones",
@@ -157,6 +169,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Device,
         "4.6-mode",
         "ARM in a mode other than software: ERROR 301",
         "ARM in modes 0, 2 and 3",
@@ -171,6 +184,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Device,
         "4.6-config-id",
         "ARM names the settings in force, else ERROR 206",
         "ARM with the id of the settings before, and with those in force",
@@ -184,6 +198,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Device,
         "4.7-config-id",
         "TRIGGER names the settings in force, else ERROR 206, and nothing is exposed",
         "TRIGGER in ARMED with another config id",
@@ -196,6 +211,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Device,
         "3.3-settings-stay",
         "settings stay in force when a controller's connection has ended",
         "CONFIGURE and ARM, the connection closed; a new one of the same run: IDLE, ARM with the same config id",
@@ -212,21 +228,6 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
 ];
-
-const fn clause(
-    id: &'static str,
-    says: &'static str,
-    does: &'static str,
-    check: fn(&mut Bench<'_, '_>) -> Result<(), Miss>,
-) -> Clause {
-    Clause {
-        id,
-        says,
-        does,
-        needs: Needs::Device,
-        check,
-    }
-}
 
 /// Pixels times bytes of the components asked for.
 fn frame_bytes(bench: &Bench<'_, '_>, settings: &CameraSettings) -> u64 {

@@ -1,12 +1,13 @@
 //! Signs of life (sections 3.7 and 4.13).
 
-use super::bench::{Bench, DEAD_MS, REPLY_MS, require, unexpected};
-use super::{Clause, Miss, Needs};
+use super::bench::{DEAD_MS, REPLY_MS, require, unexpected};
+use super::{Clause, Needs, clause};
 use crate::camera::lines::server_message;
 use crate::camera::message::{Bye, ClientMessage, ServerMessage};
 
 pub(super) const CLAUSES: &[Clause] = &[
     clause(
+        Needs::Nothing,
         "4-pong",
         "PING is answered by PONG with the sender's clock as it came; the device's clock goes on",
         "PING twice, a tenth of a second apart",
@@ -31,6 +32,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Nothing,
         "3.7-status",
         "STATUS comes by itself every second, to a controller and to an observer",
         "both listen for 5 s",
@@ -51,6 +53,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Nothing,
         "3.7-alive",
         "the server gives a sign of life at least every second",
         "a controller listens for 3 s",
@@ -62,6 +65,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Nothing,
         "3.7-dead",
         "a client that is silent for 5 s is dead: BYE 4, close; one that gives signs of life is not",
         "a controller falls silent; an observer goes on pinging",
@@ -84,20 +88,5 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
 ];
-
-const fn clause(
-    id: &'static str,
-    says: &'static str,
-    does: &'static str,
-    check: fn(&mut Bench<'_, '_>) -> Result<(), Miss>,
-) -> Clause {
-    Clause {
-        id,
-        says,
-        does,
-        needs: Needs::Nothing,
-        check,
-    }
-}
 
 const STATUS_MS: u64 = 5000;

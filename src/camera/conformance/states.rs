@@ -1,7 +1,7 @@
 //! The table of section 3.1: what each request gets in each state.
 
 use super::bench::{Bench, arm, hello, is_error, require, trigger, trigger_ok, unexpected};
-use super::{Clause, Miss, Needs};
+use super::{Clause, Miss, Needs, clause};
 use crate::camera::lines::{Heard, LineId, server_message};
 use crate::camera::message::{
     AcquisitionPhase, CameraState, ClientMessage, Repeated, ServerMessage, TRIGGER_ALL, TriggerId,
@@ -9,66 +9,66 @@ use crate::camera::message::{
 
 pub(super) const CLAUSES: &[Clause] = &[
     clause(
+        Needs::Device,
         "3.1-idle",
         "IDLE: CONFIGURE, ARM, DISARM, ABORT are taken; ARM with another config id 206, TRIGGER 202, HELLO again 203",
         "every request of the table in IDLE",
-        Needs::Device,
         idle,
     ),
     clause(
+        Needs::Device,
         "3.1-armed",
         "ARMED: CONFIGURE and ARM get 203, HELLO again 203; DISARM and ABORT are taken, ABORT leaves it ARMED",
         "every request of the table but TRIGGER in ARMED",
-        Needs::Device,
         armed,
     ),
     clause(
+        Needs::Exposures,
         "3.1-exposing",
         "EXPOSING: CONFIGURE, ARM, DISARM and HELLO get 203, another TRIGGER 204, the same one `repeated` 1, FETCH of another 602",
         "TRIGGER and every request of the table in one piece",
-        Needs::Exposures,
         exposing,
     ),
     clause(
+        Needs::Exposures,
         "3.1-reconstructing",
         "RECONSTRUCTING: as EXPOSING",
         "every request of the table as soon as EXPOSURE_DONE has come",
-        Needs::Exposures,
         |bench| busy_after(bench, 0x22),
     ),
     clause(
+        Needs::Exposures,
         "3.1-sending",
         "SENDING: as EXPOSING, but FETCH of another gets 204",
         "every request of the table as soon as FRAME_BEGIN of a large frame has come",
-        Needs::Exposures,
         |bench| busy_after(bench, 0x30),
     ),
     clause(
+        Needs::Nothing,
         "3.1-offline",
         "OFFLINE: CONFIGURE, ARM and TRIGGER get 501; DISARM and ABORT are taken",
         "every request of the table, where the server is OFFLINE",
-        Needs::Nothing,
         |bench| away(bench, CameraState::Offline, 501),
     ),
     clause(
+        Needs::Nothing,
         "3.1-fault",
         "FAULT: CONFIGURE, ARM and TRIGGER get 500; DISARM and ABORT are taken",
         "every request of the table, where the server is in FAULT",
-        Needs::Nothing,
         |bench| away(bench, CameraState::Fault, 500),
     ),
     clause(
+        Needs::Nothing,
         "3.1-resetting",
         "RESETTING: CONFIGURE, ARM and TRIGGER get 504; DISARM and ABORT are taken",
         "every request of the table, where the server is RESETTING",
-        Needs::Nothing,
         |bench| away(bench, CameraState::Resetting, 504),
     ),
     clause(
+        Needs::Device,
         "3.1-order",
         "a request is checked in this order: bytes (108), role (207), state, values",
         "TRIGGER with a wrong config id in IDLE (202); CONFIGURE with an exposure of 0 in ARMED (203)",
-        Needs::Device,
         |bench| {
             let line = bench.controller()?;
             let settings = bench.context.small;
@@ -82,22 +82,6 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
 ];
-
-const fn clause(
-    id: &'static str,
-    says: &'static str,
-    does: &'static str,
-    needs: Needs,
-    check: fn(&mut Bench<'_, '_>) -> Result<(), Miss>,
-) -> Clause {
-    Clause {
-        id,
-        says,
-        does,
-        needs,
-        check,
-    }
-}
 
 fn idle(bench: &mut Bench<'_, '_>) -> Result<(), Miss> {
     let line = bench.controller()?;

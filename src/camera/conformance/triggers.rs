@@ -2,12 +2,13 @@
 
 use super::bench::{Bench, REPLY_MS, frame_ms, hello, require, trigger, trigger_ok, unexpected};
 use super::course::{Course, pause_ms};
-use super::{Clause, Miss, Needs};
+use super::{Clause, Miss, Needs, clause};
 use crate::camera::lines::{LineId, server_message};
 use crate::camera::message::{CameraState, ClientMessage, Configured, FrameStatus, Repeated, ServerMessage, Trigger};
 
 pub(super) const CLAUSES: &[Clause] = &[
     clause(
+        Needs::Exposures,
         "3.2-course",
         "TRIGGER_OK, one EXPOSURE_DONE, FRAME_BEGIN, chunks, FRAME_END come in this order; then the state is ARMED",
         "one acquisition",
@@ -20,12 +21,14 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Exposures,
         "3.7-times",
         "TRIGGER_OK within 500 ms, EXPOSURE_DONE within 1.5 x predicted + 1 s, FRAME_END within 1.5 x predicted + bytes / (20 MB/s) + 2 s",
         "one acquisition, timed",
         times,
     ),
     clause(
+        Needs::Exposures,
         "3.2-once",
         "every accepted trigger ends exactly once: nothing more comes of it",
         "one acquisition; then nothing for 1.5 s",
@@ -37,6 +40,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Exposures,
         "3.2-again",
         "after a complete frame the next trigger is taken",
         "three acquisitions one after the other; their frame ids differ",
@@ -53,6 +57,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Exposures,
         "3.2-repeat-in-flight",
         "the id of a trigger in flight is answered with `repeated` 1 and exposed once",
         "TRIGGER twice in one piece",
@@ -75,6 +80,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Exposures,
         "3.2-repeat-done",
         "the id of a trigger that is done is answered with `repeated` 2, is not exposed, and brings nothing",
         "one acquisition, the same TRIGGER again, then nothing for 1.5 s",
@@ -88,6 +94,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Exposures,
         "3.2-repeat-in-idle",
         "a repeated id is recognised before the state is looked at",
         "one acquisition, DISARM, the same TRIGGER again",
@@ -99,6 +106,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Exposures,
         "3.2-repeat-reconnected",
         "the trigger ids of a run are remembered across connections",
         "one acquisition; another connection of the same run repeats the TRIGGER",
@@ -113,6 +121,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Exposures,
         "3.2-new-run",
         "a controller of another run starts afresh: trigger ids of the run before are new again",
         "one acquisition; a controller of another run uses the same id",
@@ -125,12 +134,14 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Exposures,
         "4.7-deadline",
         "a frame that is not there by its deadline ends in ERROR 407 that names the trigger",
         "TRIGGER with a deadline of 1 ms",
         deadline,
     ),
     clause(
+        Needs::Exposures,
         "4.7-tag",
         "a tag has at most 64 bytes, else ERROR 301",
         "TRIGGER with a tag of 64 bytes, and one of 65 bytes",
@@ -150,6 +161,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Exposures,
         "4.13-counters",
         "STATUS counts triggers and frames",
         "GET_STATUS before and after one acquisition",
@@ -164,6 +176,7 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
     clause(
+        Needs::Exposures,
         "3.4-observer-frames",
         "an observer receives no frames",
         "one acquisition while an observer listens",
@@ -175,21 +188,6 @@ pub(super) const CLAUSES: &[Clause] = &[
         },
     ),
 ];
-
-const fn clause(
-    id: &'static str,
-    says: &'static str,
-    does: &'static str,
-    check: fn(&mut Bench<'_, '_>) -> Result<(), Miss>,
-) -> Clause {
-    Clause {
-        id,
-        says,
-        does,
-        needs: Needs::Exposures,
-        check,
-    }
-}
 
 fn armed(bench: &mut Bench<'_, '_>) -> Result<(LineId, Configured), Miss> {
     let settings = bench.context.small;
