@@ -2,6 +2,7 @@
 
 use super::bench::{Bench, REPLY_MS, arm, bye, hello, is_error, require, trigger, unexpected};
 use super::framing::ends_with_bye;
+use super::states::reads;
 use super::{Clause, Miss, Needs, clause};
 use crate::camera::lines::{LineId, server_message};
 use crate::camera::message::{
@@ -287,15 +288,7 @@ fn observer_only_reads(bench: &mut Bench<'_, '_>) -> Result<(), Miss> {
     for request in controllers_requests(bench) {
         bench.refused(line, &request, 207)?;
     }
-    for (request, kind) in [
-        (ClientMessage::GetCaps, 0x04),
-        (ClientMessage::GetStatus, 0x51),
-        (ClientMessage::Ping { sender_ns: 1 }, 0x61),
-    ] {
-        let heard = bench.ask(line, &request)?;
-        require(heard.kind == kind, || format!("not the reply to {request:?}: {heard}"))?;
-    }
-    Ok(())
+    reads(bench, line)
 }
 
 fn fits_the_page(greeting: &Greeting, role: u8) -> Result<(), Miss> {

@@ -271,7 +271,8 @@ fn busy_requests(
     requests.into_iter().map(frame).collect()
 }
 
-fn reads(bench: &mut Bench<'_, '_>, line: LineId) -> Result<(), Miss> {
+/// What every role may ask in every state is answered.
+pub(super) fn reads(bench: &mut Bench<'_, '_>, line: LineId) -> Result<(), Miss> {
     for (request, kind) in [
         (ClientMessage::GetCaps, 0x04),
         (ClientMessage::GetStatus, 0x51),
