@@ -125,9 +125,29 @@ pub enum Event {
     DatagramDropped { reason: String },
     /// Something worth recording that changes nothing.
     Noted { text: String },
+    /// Another process goes on with the run.
+    Restarted {
+        /// Its version of bladescan.
+        version: String,
+        /// Views whose frames are there.
+        taken_count: usize,
+        /// Views that are still to be taken.
+        left_count: usize,
+    },
+    /// How far the blade sits from where it sat when this view was taken first.
+    GripChecked {
+        view_index: usize,
+        rotation_deg: f64,
+        /// Of the middle of the view's points.
+        distance_mm: f64,
+        moved: bool,
+    },
     /// The run is over.
     Ended { ending: Ending },
 }
+
+/// Attempts from here on are second looks at a view after a restart; they join no model.
+pub const CHECK_ATTEMPT_FIRST: u16 = 0x8000;
 
 /// Figures of one view's registration.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -319,6 +339,20 @@ impl Event {
             ),
             Self::DatagramDropped { reason } => format!("robot datagram dropped: {reason}"),
             Self::Noted { text } => text.clone(),
+            Self::Restarted {
+                version,
+                taken_count,
+                left_count,
+            } => format!("the run goes on with version {version}: {taken_count} views taken, {left_count} left"),
+            Self::GripChecked {
+                view_index,
+                rotation_deg,
+                distance_mm,
+                moved,
+            } => format!(
+                "check: the blade sits {rotation_deg:.3}° and {distance_mm:.3} mm from where it sat at view {view_index}{}",
+                if *moved { ": it has moved" } else { "" }
+            ),
             Self::Ended { ending } => match ending {
                 Ending::Finished => "run finished".into(),
                 Ending::Aborted => "run aborted by the operator".into(),
@@ -351,6 +385,7 @@ fn seconds(ms: u64) -> String {
 fn named(view_index: usize, attempt: u16) -> String {
     match attempt {
         0 => format!("view {view_index}"),
+        CHECK_ATTEMPT_FIRST.. => format!("view {view_index} (check)"),
         _ => format!("view {view_index} (attempt {attempt})"),
     }
 }

@@ -60,6 +60,8 @@ pub enum FaultCode {
     CameraOptics,
     /// A simulated camera where a real one belongs, or the other way round.
     CameraIdentity,
+    /// After a restart the blade does not sit where it sat.
+    BladeMoved,
     /// The journal cannot be written.
     Journal,
     /// A job panicked: a bug of ours.
@@ -68,7 +70,7 @@ pub enum FaultCode {
 
 impl FaultCode {
     /// Every code, for the documentation's test.
-    pub const ALL: [Self; 24] = [
+    pub const ALL: [Self; 25] = [
         Self::RobotUnreachable,
         Self::RobotSilent,
         Self::RobotGarbled,
@@ -91,6 +93,7 @@ impl FaultCode {
         Self::CameraFailing,
         Self::CameraOptics,
         Self::CameraIdentity,
+        Self::BladeMoved,
         Self::Journal,
         Self::JobPanicked,
     ];
@@ -120,6 +123,7 @@ impl FaultCode {
             Self::CameraFailing => "camera-failing",
             Self::CameraOptics => "camera-optics",
             Self::CameraIdentity => "camera-identity",
+            Self::BladeMoved => "blade-moved",
             Self::Journal => "journal",
             Self::JobPanicked => "job-panicked",
         }

@@ -26,6 +26,8 @@ pub enum Job {
     },
     /// A view is registered to the model and merged if it may be.
     Register(Box<RegisterJob>),
+    /// A view is compared with itself, taken again.
+    Compare(Box<CompareJob>),
 }
 
 /// The input of [`Job::Register`].
@@ -47,6 +49,23 @@ pub struct RegisterJob {
     pub seed: Seed,
 }
 
+/// The input of [`Job::Compare`].
+#[derive(Debug, Clone)]
+pub struct CompareJob {
+    /// Which view.
+    pub view_index: usize,
+    /// Its cloud as it was, camera frame, mm, with normals.
+    pub before: Arc<PointCloud>,
+    /// Its cloud as it is now.
+    pub now: Arc<PointCloud>,
+    /// `before_from_now` by the robot's poses.
+    pub start: Isometry3<f64>,
+    /// How to register, and how far from the start is too far.
+    pub settings: ViewSettings,
+    /// The run's seed.
+    pub seed: Seed,
+}
+
 /// What came of a job.
 #[derive(Debug, Clone)]
 pub enum JobOutput {
@@ -63,6 +82,11 @@ pub enum JobOutput {
         registration: Box<ViewRegistration>,
         /// The model with the view in it, if it was merged.
         model: Option<Arc<Model>>,
+    },
+    /// Of [`Job::Compare`].
+    Compared {
+        /// Where the view of now lies in that of before; the decision to merge means that it has not moved.
+        registration: Box<ViewRegistration>,
     },
     /// A bug of ours.
     Panicked {
@@ -97,6 +121,7 @@ impl Job {
         match self {
             Self::Prepare { .. } => "prepare",
             Self::Register(_) => "register",
+            Self::Compare(_) => "compare",
         }
     }
 
@@ -105,6 +130,7 @@ impl Job {
         match self {
             Self::Prepare { view_index, .. } => *view_index,
             Self::Register(job) => job.view_index,
+            Self::Compare(job) => job.view_index,
         }
     }
 
@@ -122,6 +148,7 @@ impl Job {
                 }
             }
             Self::Register(job) => job.run(on_stage),
+            Self::Compare(job) => job.run(on_stage),
         }
     }
 }
@@ -154,6 +181,26 @@ impl RegisterJob {
     }
 }
 
+impl CompareJob {
+    fn run(&self, on_stage: &mut dyn FnMut(&str)) -> JobOutput {
+        let stream = self.seed.stream(Stream::Sampling {
+            view_index: self.view_index as u32,
+        });
+        let before = Model::default().merged_with(&self.before, &Isometry3::identity(), 0.0);
+        let registration = register_view(
+            &self.now,
+            &before,
+            &self.start,
+            &self.settings,
+            stream,
+            &mut |stage: &Stage| on_stage(stage.name),
+        );
+        JobOutput::Compared {
+            registration: Box::new(registration),
+        }
+    }
+}
+
 impl JobOutput {
     /// A fingerprint of every bit that follows from the job, for the journal. Reads all of a model: not for the loop
     /// that talks to the devices.
@@ -170,17 +217,15 @@ impl JobOutput {
             }
             Self::Registered { registration, model } => {
                 hash.update(b"registered");
-                hash.update(format!("{:?}", registration.decision));
-                update_numbers(&mut hash, matrix_rows(&registration.model_from_view).as_flattened());
-                if let Some(found) = &registration.registration {
-                    update_numbers(&mut hash, [&found.rmse]);
-                    hash.update((found.overlap.count as u64).to_le_bytes());
-                    update_numbers(&mut hash, found.covariance.iter().flatten());
-                }
+                update_registration(&mut hash, registration);
                 for point in model.iter().flat_map(|model| model.points()) {
                     update_numbers(&mut hash, point.position.coords.iter().chain(&point.normal));
                     hash.update(point.weight.to_le_bytes());
                 }
+            }
+            Self::Compared { registration } => {
+                hash.update(b"compared");
+                update_registration(&mut hash, registration);
             }
             Self::Panicked { text } => {
                 hash.update(b"panicked");
@@ -188,6 +233,16 @@ impl JobOutput {
             }
         }
         hex(&hash.finalize())
+    }
+}
+
+fn update_registration(hash: &mut Sha256, registration: &ViewRegistration) {
+    hash.update(format!("{:?}", registration.decision));
+    update_numbers(hash, matrix_rows(&registration.model_from_view).as_flattened());
+    if let Some(found) = &registration.registration {
+        update_numbers(hash, [&found.rmse]);
+        hash.update((found.overlap.count as u64).to_le_bytes());
+        update_numbers(hash, found.covariance.iter().flatten());
     }
 }
 

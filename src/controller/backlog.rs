@@ -184,6 +184,7 @@ impl Backlog {
                 self.views[view_index].latency_ms = now.ms_since(waiting.came);
                 self.decide(view_index, &registration, model);
             }
+            JobOutput::Compared { .. } => unreachable!("no job of the backlog compares"),
             JobOutput::Panicked { text } => {
                 for waiting in self.waiting.drain(..) {
                     self.views[waiting.view_index].outcome = ViewOutcome::Missing {
@@ -202,9 +203,23 @@ impl Backlog {
         None
     }
 
+    /// A number that no other job has.
+    pub(super) fn take_job_id(&mut self) -> u32 {
+        let job_id = self.next_job_id;
+        self.next_job_id += 1;
+        job_id
+    }
+
     /// How many frames have come that are not decided yet.
     pub(super) fn waiting_count(&self) -> usize {
         self.waiting.len()
+    }
+
+    /// How many views have a frame, whatever became of it.
+    pub(super) fn taken_count(&self) -> usize {
+        let has_frame = |view: &&ViewRecord| view.point_count > 0;
+        self.views.iter().filter(has_frame).count()
+            + self.waiting.iter().filter(|waiting| waiting.cloud.is_none()).count()
     }
 
     /// Whether nothing is under way.
@@ -289,8 +304,7 @@ impl Backlog {
     }
 
     fn start_job(&mut self, job: Job) {
-        let job_id = self.next_job_id;
-        self.next_job_id += 1;
+        let job_id = self.take_job_id();
         self.jobs.push((job_id, job.view_index()));
         self.outputs.push_back(Output::Job {
             job_id,
@@ -330,7 +344,7 @@ fn discard_words(reason: DiscardReason, settings: &ViewSettings) -> String {
     }
 }
 
-fn view_settings(recipe: &Recipe) -> ViewSettings {
+pub(super) fn view_settings(recipe: &Recipe) -> ViewSettings {
     let wanted = &recipe.registration;
     let by_robot = wanted.start == Start::Robot;
     ViewSettings {

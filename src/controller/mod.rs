@@ -4,6 +4,7 @@
 //! [`Controller::poll_output`] until there are none, then wait for the next input or for [`Controller::wake_at`].
 
 mod backlog;
+mod check;
 mod files;
 
 pub use backlog::{ViewOutcome, ViewRecord};
@@ -21,6 +22,7 @@ use crate::session::{Session, SessionEvent};
 use crate::settings::{Recipe, Station};
 use crate::stamp::Stamp;
 use backlog::Backlog;
+use check::{GripCheck, Verdict};
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
@@ -79,6 +81,11 @@ pub enum Input {
         /// What came of it.
         done: FinishedJob,
     },
+    /// Another process goes on with the run, after everything before it has been fed to this controller.
+    Restarted {
+        /// Its version of bladescan.
+        version: String,
+    },
     /// The journal cannot be written any more.
     JournalFailed {
         /// The system's words.
@@ -134,6 +141,7 @@ pub struct Controller {
     plan: Plan,
     session: Session,
     backlog: Backlog,
+    check: GripCheck,
     begun: bool,
     over: bool,
     outputs: VecDeque<Output>,
@@ -145,6 +153,7 @@ impl Controller {
         Self {
             session: Session::new(recipe, station, plan.views(), header.run_id, header.seed),
             backlog: Backlog::new(recipe, station, plan.views(), header.seed),
+            check: GripCheck::new(recipe, station, header.seed),
             header,
             plan,
             begun: false,
@@ -155,7 +164,7 @@ impl Controller {
 
     /// Something has happened.
     pub fn handle_input(&mut self, now: Stamp, input: Input) {
-        if self.over {
+        if self.over && !matches!(input, Input::Restarted { .. }) {
             return;
         }
         match input {
@@ -169,6 +178,8 @@ impl Controller {
             Input::CameraBytes(bytes) => self.session.handle_camera_bytes(now, &bytes),
             Input::CameraClosed { reason } => self.session.handle_camera_closed(now, &reason),
             Input::Operator(command) => self.handle_command(now, command),
+            Input::Restarted { version } => self.restart(now, version),
+            Input::JobDone { job_id, done } if self.check.owns(job_id) => self.handle_checked(now, done),
             Input::JobDone { job_id, done } => {
                 if let Some(text) = self.backlog.handle_done(now, job_id, done) {
                     self.session.fault(now, Fault::new(FaultCode::JobPanicked, text));
@@ -223,6 +234,52 @@ impl Controller {
         self.session.begin(now);
     }
 
+    /// Everything that was taken and decided stays; the conversations with the devices begin anew.
+    fn restart(&mut self, now: Stamp, version: String) {
+        self.over = false;
+        self.begun = true;
+        let checked_view = self.check.restart();
+        self.session.restart(checked_view);
+        self.outputs.push_back(Output::Event(Event::Restarted {
+            version,
+            taken_count: self.backlog.taken_count(),
+            left_count: self.session.left_count(),
+        }));
+        self.session.begin(now);
+    }
+
+    fn handle_checked(&mut self, now: Stamp, done: FinishedJob) {
+        match self.check.handle_done(done) {
+            None => {}
+            Some(Verdict::Passed(event)) => {
+                self.outputs.push_back(Output::Event(event));
+                self.session.pass_check();
+            }
+            Some(Verdict::Moved(event, fault)) => {
+                self.outputs.push_back(Output::Event(event));
+                self.session.fault(now, fault);
+            }
+            Some(Verdict::Panicked(text)) => self.session.fault(now, Fault::new(FaultCode::JobPanicked, text)),
+        }
+    }
+
+    /// Compares the view that was taken again as soon as that is possible, and does without where it never will be.
+    fn check_on(&mut self) -> bool {
+        let compare = self.check.compare(|| self.backlog.take_job_id());
+        if let Some(compare) = compare {
+            self.outputs.push_back(compare);
+            return true;
+        }
+        let never = self.check.is_without_before() && self.backlog.is_idle();
+        if never {
+            self.check.give_up();
+            let text = "the last view has no cloud to compare with: the grip is not checked".to_owned();
+            self.outputs.push_back(Output::Event(Event::Noted { text }));
+            self.session.pass_check();
+        }
+        never
+    }
+
     fn handle_command(&mut self, now: Stamp, command: Command) {
         match command {
             Command::Hold => self.session.hold(now, HoldBy::Operator),
@@ -245,6 +302,7 @@ impl Controller {
                 moved = true;
             }
             moved |= self.take_backlog_outputs();
+            moved |= self.check_on();
             if !moved {
                 break;
             }
@@ -266,8 +324,14 @@ impl Controller {
         while let Some(event) = self.session.poll_event() {
             match event {
                 SessionEvent::Event(event) => self.outputs.push_back(Output::Event(event)),
+                SessionEvent::Check(view) => {
+                    let job_id = self.backlog.take_job_id();
+                    let prepare = self.check.begin(job_id, &view);
+                    self.outputs.push_back(prepare);
+                }
                 SessionEvent::Captured(view) => {
                     captured = true;
+                    self.check.remember(&view);
                     self.backlog.add(now, view);
                 }
                 SessionEvent::Missing { view_index, reason } => {
@@ -283,6 +347,9 @@ impl Controller {
     fn take_backlog_outputs(&mut self) -> bool {
         let before = self.outputs.len();
         while let Some(output) = self.backlog.poll_output() {
+            if let Output::ViewCloud { view_index, cloud } = &output {
+                self.check.remember_cloud(*view_index, cloud);
+            }
             self.outputs.push_back(output);
         }
         self.outputs.len() > before

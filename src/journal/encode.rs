@@ -48,6 +48,9 @@ enum Written {
         digest: String,
         times: Vec<StageTime>,
     },
+    Restarted {
+        version: String,
+    },
     JournalFailed {
         reason: String,
     },
@@ -78,6 +81,9 @@ fn written(input: &Input) -> Written {
             digest: done.digest.clone(),
             times: done.times.clone(),
         },
+        Input::Restarted { version } => Written::Restarted {
+            version: version.clone(),
+        },
         Input::JournalFailed { reason } => Written::JournalFailed { reason: reason.clone() },
         Input::RobotBytes(_) | Input::CameraBytes(_) => unreachable!("bytes have topics of their own"),
     }
@@ -98,6 +104,7 @@ pub fn read_input(record: &Record) -> Option<InputMemo> {
             Written::CameraConnected => Input::CameraConnected,
             Written::CameraClosed { reason } => Input::CameraClosed { reason },
             Written::Operator { command } => Input::Operator(command),
+            Written::Restarted { version } => Input::Restarted { version },
             Written::JournalFailed { reason } => Input::JournalFailed { reason },
             Written::JobDone { job_id, times, .. } => return Some(InputMemo::JobDone { job_id, times }),
         },
@@ -179,6 +186,7 @@ mod tests {
             Input::CameraBytes(vec![0; 5]),
             Input::CameraClosed { reason: "end".into() },
             Input::Operator(Command::Hold),
+            Input::Restarted { version: "2".into() },
             Input::JournalFailed { reason: "full".into() },
         ];
         for input in inputs {

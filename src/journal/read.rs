@@ -89,6 +89,19 @@ impl<'a> Recording<'a> {
         &self.station_text
     }
 
+    /// Whether its end was written. The recording of a killed process, or of one that still runs, lacks it.
+    pub fn is_closed(&self) -> bool {
+        self.bytes.ends_with(mcap::MAGIC)
+    }
+
+    /// The records in the order in which they were written. Of a recording without its end those before the first that is
+    /// not whole; in one with its end such a record is damage, and an error.
+    pub fn whole_records(&self) -> Result<impl Iterator<Item = Result<Record, ReadError>> + use<'a>, ReadError> {
+        let is_closed = self.is_closed();
+        let is_kept = move |record: &Result<Record, ReadError>| is_closed || !matches!(record, Err(ReadError::Mcap(_)));
+        Ok(self.records()?.take_while(is_kept))
+    }
+
     /// The records in the order in which they were written.
     pub fn records(&self) -> Result<impl Iterator<Item = Result<Record, ReadError>> + use<'a>, ReadError> {
         let start_unix_ns = self.start_unix_ns;
@@ -176,7 +189,7 @@ mod tests {
         let plain = written();
         let cut = &plain[..plain.len() / 2];
         let recording = Recording::open(cut).unwrap();
-        let found: Vec<Record> = recording.records().unwrap().map_while(Result::ok).collect();
+        let found: Vec<Record> = recording.whole_records().unwrap().map(Result::unwrap).collect();
         assert!(records().starts_with(&found));
     }
 

@@ -24,5 +24,5 @@ pub use file_transfer::{TransferError, Transferred, transfer};
 pub use journal_file::{JournalError, JournalFile, pack_file};
 pub use live::{Links, Live, LiveError, Outcome, RobotPlace, run};
 pub use pool::Pool;
-pub use replay::{Difference, ReplayError, ReplayReport, replay};
+pub use replay::{Difference, Rebuilt, ReplayError, ReplayReport, rebuild, replay};
 pub use simulated::{SimulatedCell, SimulatedError, SimulatedOptions};

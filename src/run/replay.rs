@@ -6,6 +6,7 @@ use crate::job::FinishedJob;
 use crate::journal::{InputMemo, ReadError, Record, Recording, Topic, input_record, output_records, read_input};
 use crate::plan::{Plan, PlanError};
 use crate::settings::{Recipe, SettingsError, Station};
+use crate::stamp::Stamp;
 use serde::Serialize;
 use std::collections::{BTreeMap, VecDeque};
 use std::num::NonZeroUsize;
@@ -59,10 +60,63 @@ pub enum ReplayError {
     /// The plan.
     #[error("the plan of the recording: {0}")]
     Plan(#[from] PlanError),
+    /// The run does not come out as it was recorded.
+    #[error("the run comes out differently from {:.3} s on ({}): recorded {}, now {}", .0.at_s, .0.topic, .0.recorded, .0.replayed)]
+    Differs(Box<Difference>),
+}
+
+/// A run as far as its recording goes, so that it can go on.
+#[derive(Debug)]
+pub struct Rebuilt {
+    /// The run itself.
+    pub controller: Controller,
+    /// What follows from the last input and is not in the recording, whose end is missing.
+    pub unwritten: Vec<Record>,
+    /// Jobs whose end is not in the recording.
+    pub done: BTreeMap<u32, FinishedJob>,
+    /// When the last record was made.
+    pub last: Stamp,
+    /// The files that the run has put out last.
+    pub files: BTreeMap<&'static str, Vec<u8>>,
 }
 
 /// Feeds a recording to the same code and compares. Stops at the first difference.
 pub fn replay(recording: &Recording<'_>, pool: &Pool) -> Result<ReplayReport, ReplayError> {
+    let mut unseen = |_: &Output| ();
+    let mut replayer = feed(recording, pool, &mut unseen)?;
+    if replayer.report.difference.is_none() {
+        replayer.finish();
+    }
+    Ok(replayer.report)
+}
+
+/// Feeds a recording to the same code, so that the run can go on where the recording ends. `on_output` sees what follows.
+///
+/// # Errors
+/// Also when anything differs from the recording: then this program is not the one to go on with it.
+pub fn rebuild(
+    recording: &Recording<'_>,
+    pool: &Pool,
+    on_output: &mut dyn FnMut(&Output),
+) -> Result<Rebuilt, ReplayError> {
+    let replayer = feed(recording, pool, on_output)?;
+    match replayer.report.difference {
+        Some(difference) => Err(ReplayError::Differs(Box::new(difference))),
+        None => Ok(Rebuilt {
+            controller: replayer.controller,
+            unwritten: replayer.expected.into(),
+            done: replayer.done,
+            last: replayer.last,
+            files: replayer.files,
+        }),
+    }
+}
+
+fn feed<'a>(
+    recording: &Recording<'_>,
+    pool: &'a Pool,
+    on_output: &'a mut dyn FnMut(&Output),
+) -> Result<Replayer<'a>, ReplayError> {
     let header = recording.header().clone();
     let recipe = Recipe::parse("recipe.toml", recording.recipe_text()).map_err(Box::new)?;
     let station = Station::parse("station.toml", recording.station_text()).map_err(Box::new)?;
@@ -74,9 +128,12 @@ pub fn replay(recording: &Recording<'_>, pool: &Pool) -> Result<ReplayReport, Re
     let mut replayer = Replayer {
         controller: Controller::new(header, &recipe, &station, plan),
         pool,
+        on_output,
         start_unix_ns: recording.start_unix_ns(),
         expected: VecDeque::new(),
         done: BTreeMap::new(),
+        last: Stamp::START,
+        files: BTreeMap::new(),
         report: ReplayReport {
             identical: false,
             complete: false,
@@ -88,29 +145,33 @@ pub fn replay(recording: &Recording<'_>, pool: &Pool) -> Result<ReplayReport, Re
             difference: None,
         },
     };
-    for record in recording.records()? {
+    for record in recording.whole_records()? {
         if !replayer.take(record?) {
-            return Ok(replayer.report);
+            break;
         }
     }
-    replayer.finish();
-    Ok(replayer.report)
+    Ok(replayer)
 }
 
 struct Replayer<'a> {
     controller: Controller,
     pool: &'a Pool,
+    on_output: &'a mut dyn FnMut(&Output),
     start_unix_ns: u64,
     /// What the replay says must come next.
     expected: VecDeque<Record>,
     /// Jobs done again whose end the recording has not reached yet.
     done: BTreeMap<u32, FinishedJob>,
+    /// When the last record was made.
+    last: Stamp,
+    files: BTreeMap<&'static str, Vec<u8>>,
     report: ReplayReport,
 }
 
 impl Replayer<'_> {
     /// Takes the next record; false at the first difference.
     fn take(&mut self, record: Record) -> bool {
+        self.last = self.last.max(record.stamp);
         if !record.topic.is_input() {
             self.report.output_count += 1;
             return match self.expected.pop_front() {
@@ -144,9 +205,16 @@ impl Replayer<'_> {
         while let Some(output) = self.controller.poll_output() {
             self.expected
                 .extend(output_records(record.stamp, &output, self.start_unix_ns));
-            if let Output::Job { job_id, job } = output {
-                self.report.job_count += 1;
-                self.done.insert(job_id, self.pool.run(&job));
+            (self.on_output)(&output);
+            match output {
+                Output::Job { job_id, job } => {
+                    self.report.job_count += 1;
+                    self.done.insert(job_id, self.pool.run(&job));
+                }
+                Output::File { name, bytes } => {
+                    self.files.insert(name, bytes);
+                }
+                _ => {}
             }
         }
         true

@@ -42,6 +42,7 @@ impl Session {
                     trigger_id.view_index()
                 ));
             }
+            CameraEvent::Failed { reason, .. } if self.take_recalled_anew(&reason) => {}
             CameraEvent::Failed { reason, retryable, .. } => {
                 self.handle_failure(now, reason.clone(), retryable);
                 self.camera_failures_in_a_row += 1;

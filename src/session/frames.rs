@@ -1,6 +1,6 @@
 //! Frames, as they come or fail to come: kept, taken again, or given up.
 
-use super::{Captured, FAILURES_MAX, Session, SessionEvent, Stage, Target};
+use super::{Captured, Check, FAILURES_MAX, Session, SessionEvent, Stage, Target};
 use crate::camera::Capture;
 use crate::event::Event;
 use crate::fault::{Fault, FaultCode};
@@ -20,6 +20,7 @@ impl Session {
             return self.note("a frame nobody waits for");
         };
         self.failures_in_a_row = 0;
+        self.recalled = None;
         let Target { view_index, attempt } = standing.target;
         self.emit(Event::FrameArrived {
             view_index,
@@ -27,12 +28,18 @@ impl Session {
             valid_count: capture.valid_count,
             saturated_count: capture.saturated_count,
         });
-        self.events.push_back(SessionEvent::Captured(Captured {
+        let captured = Captured {
             view_index,
             attempt,
             base_from_tool: standing.base_from_tool,
             capture,
-        }));
+        };
+        self.events.push_back(if standing.target.is_check() {
+            self.check = Check::Judging;
+            SessionEvent::Check(captured)
+        } else {
+            SessionEvent::Captured(captured)
+        });
     }
 
     pub(super) fn handle_failure(&mut self, now: Stamp, reason: String, retryable: bool) {
@@ -46,6 +53,9 @@ impl Session {
             (None, _) => return self.note(format!("a failed frame nobody waits for: {reason}")),
         };
         let Target { view_index, attempt } = standing.target;
+        if standing.target.is_check() {
+            return self.handle_failed_check(now, standing.target, &reason, retryable);
+        }
         let retaken = retryable && attempt < self.wanted.retakes_max;
         self.emit(Event::FrameFailed {
             view_index,
@@ -83,7 +93,10 @@ impl Session {
             Stage::Exposing(standing) => Some(standing),
             _ => None,
         };
-        if let Some(standing) = self.awaited.take().or(exposing) {
+        self.cut_off = self.awaited.map(|standing| standing.target);
+        if let Some(standing) = self.awaited.take().or(exposing)
+            && !standing.target.is_check()
+        {
             self.events.push_back(SessionEvent::Missing {
                 view_index: standing.target.view_index,
                 reason: "the run ended before its frame had come".into(),

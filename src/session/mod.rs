@@ -15,6 +15,7 @@ mod camera_events;
 mod devices;
 mod frames;
 mod identity;
+mod restart;
 mod warmth;
 
 pub use arm::{Arm, ArmEvent, ArmSettings, JobSettings, Motion};
@@ -30,6 +31,7 @@ use crate::settings::{Recipe, Station, Target as StationTarget};
 use crate::stamp::{Stamp, earlier};
 use devices::arm_settings;
 use nalgebra::Isometry3;
+use restart::Check;
 use std::collections::VecDeque;
 use std::sync::Arc;
 use warmth::Warmth;
@@ -54,6 +56,8 @@ pub enum SessionEvent {
     Event(Event),
     /// For the reconstruction.
     Captured(Captured),
+    /// A second look at a view after a restart: has the blade moved?
+    Check(Captured),
     /// A planned view that will not come.
     Missing {
         /// Which view.
@@ -78,6 +82,12 @@ pub struct Session {
     targets: VecDeque<Target>,
     /// Exposed, but its frame is not here yet.
     awaited: Option<Standing>,
+    /// Exposed, but the end of the run came before its frame.
+    cut_off: Option<Target>,
+    /// Exposed for a process before this one, and its frame not here yet.
+    recalled: Option<Target>,
+    check: Check,
+    restart_count: u16,
     hold: Hold,
     ending: Option<Ending>,
     arm_done: bool,
@@ -155,6 +165,10 @@ impl Session {
             camera_known: false,
             targets,
             awaited: None,
+            cut_off: None,
+            recalled: None,
+            check: Check::No,
+            restart_count: 0,
             hold: Hold::No,
             ending: None,
             arm_done: false,
@@ -227,7 +241,13 @@ impl Session {
 
     /// Whether every planned view has been taken or given up.
     pub fn is_acquired(&self) -> bool {
-        self.targets.is_empty() && self.awaited.is_none()
+        self.targets.is_empty() && self.awaited.is_none() && self.check == Check::No
+    }
+
+    /// How many views are still to be taken, or their frames still to come.
+    pub fn left_count(&self) -> usize {
+        let to_take = self.targets.iter().filter(|target| !target.is_check()).count();
+        to_take + usize::from(self.awaited.is_some())
     }
 
     /// How the run ends, once that is decided.
@@ -294,7 +314,7 @@ impl Session {
 
     /// Does what can be done now. `backlog_count` views are waiting to be registered.
     pub fn advance(&mut self, now: Stamp, backlog_count: usize) {
-        if self.ending.is_some() || self.hold != Hold::No {
+        if self.ending.is_some() || self.hold != Hold::No || self.check == Check::Judging {
             return;
         }
         if let Some(target) = self.targets.front() {

@@ -28,6 +28,11 @@ impl Warmth {
         }
     }
 
+    /// Nothing is known of it any more.
+    pub(super) fn restart(&mut self) {
+        *self = Self::new(self.policy);
+    }
+
     /// Whether the next view may be taken as far as the warmth goes.
     pub(super) fn is_enough(&self) -> bool {
         self.until.is_none()

@@ -15,8 +15,8 @@ mod written;
 pub use error::SettingsError;
 pub use keys::{Key, Kind, Need, RECIPE_KEYS, Range, STATION_KEYS};
 pub use recipe::{
-    Cad, CameraSettings, Compression, Exposure, Merge, Optics, OutlierFilter, Recipe, Registration, Roi, Start, Views,
-    WarmUp, WorkingVolume,
+    Cad, CameraSettings, Check, Compression, Exposure, Merge, Optics, OutlierFilter, Recipe, Registration, Roi, Start,
+    Views, WarmUp, WorkingVolume,
 };
 pub use station::{
     CameraLink, HostPort, Motion, RobotAddress, RobotLink, RobotProtocol, ScanJob, Station, Target, Workspace,

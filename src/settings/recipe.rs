@@ -39,8 +39,19 @@ pub struct Recipe {
     pub registration: Registration,
     /// When and how a view joins the model.
     pub merge: Merge,
+    /// How far the blade may have moved when a run is resumed.
+    pub check: Check,
     /// How often one view is taken again before the run goes on without it, 0 to 10.
     pub retakes_max: u32,
+}
+
+/// How far a view, taken again when a run is resumed, may lie from where it lay.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Check {
+    /// Largest turn, 0.01 to 45 degrees, in rad.
+    pub rotation_max_rad: f64,
+    /// Largest shift of the middle of its points, 0.01 to 100 mm.
+    pub translation_max_mm: f64,
 }
 
 /// The nominal shape of a blade.
@@ -279,6 +290,10 @@ impl Recipe {
                 incidence_max_rad: written.cleaning.incidence_max_deg.to_radians(),
             },
             registration,
+            check: Check {
+                rotation_max_rad: written.run.check_rotation_max_deg.to_radians(),
+                translation_max_mm: written.run.check_translation_max_mm,
+            },
             retakes_max: written.run.retakes_max,
         })
     }

@@ -105,6 +105,8 @@ pub(super) struct MergeFile {
 #[serde(deny_unknown_fields)]
 pub(super) struct RunFile {
     pub(super) retakes_max: u32,
+    pub(super) check_rotation_max_deg: f64,
+    pub(super) check_translation_max_mm: f64,
 }
 
 /// A station file.

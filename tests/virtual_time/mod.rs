@@ -1,6 +1,7 @@
 //! Whole runs on virtual time: the controller and the simulated cell exchange bytes without a socket, a thread or a sleep.
 
 mod camera;
+mod restart;
 
 use bladescan::camera::CameraOutput;
 use bladescan::controller::{Command, Controller, Header, Input, Output, ViewRecord};
@@ -143,9 +144,39 @@ impl Pair {
     }
 
     /// Runs to the end; `on_event` may answer an event with the operator's word.
-    fn drive(&mut self, mut on_event: impl FnMut(&Event) -> Option<Command>) -> Ending {
-        self.tell(Input::Begin, &mut on_event);
-        while !self.controller.is_over() {
+    fn drive(&mut self, on_event: impl FnMut(&Event) -> Option<Command>) -> Ending {
+        self.drive_from(Input::Begin, on_event)
+    }
+
+    /// Runs from `first` to the end.
+    fn drive_from(&mut self, first: Input, mut on_event: impl FnMut(&Event) -> Option<Command>) -> Ending {
+        self.run(first, &mut on_event, |_| false);
+        self.controller.ending().unwrap().clone()
+    }
+
+    /// Runs until something has happened, as if the process had been killed then; false if the run ends before.
+    fn drive_until(&mut self, is_last: impl FnMut(&Event) -> bool) -> bool {
+        self.drive_from_until(Input::Begin, is_last)
+    }
+
+    fn drive_from_until(&mut self, first: Input, mut is_last: impl FnMut(&Event) -> bool) -> bool {
+        let killed = std::cell::Cell::new(false);
+        let mut on_event = |event: &Event| {
+            killed.set(killed.get() || is_last(event));
+            None
+        };
+        self.run(first, &mut on_event, |_| killed.get());
+        killed.get()
+    }
+
+    fn run(
+        &mut self,
+        first: Input,
+        on_event: &mut impl FnMut(&Event) -> Option<Command>,
+        is_killed: impl Fn(&Self) -> bool,
+    ) {
+        self.tell(first, on_event);
+        while !self.controller.is_over() && !is_killed(self) {
             let next = [
                 self.wire.keys().next().map(|(ns, _)| *ns),
                 self.controller.wake_at().map(|stamp| stamp.ns),
@@ -164,14 +195,13 @@ impl Pair {
             );
             if let Some(entry) = self.wire.first_entry().filter(|entry| entry.key().0 <= self.now_ns) {
                 let delivery = entry.remove();
-                self.deliver(delivery, &mut on_event);
+                self.deliver(delivery, on_event);
             } else if self.cell.wake_at().is_some_and(|ns| ns <= self.now_ns) {
                 self.ask_cell(cell::Input::Wake);
             } else {
-                self.tell(Input::Wake, &mut on_event);
+                self.tell(Input::Wake, on_event);
             }
         }
-        self.controller.ending().unwrap().clone()
     }
 
     fn deliver(&mut self, delivery: Delivery, on_event: &mut impl FnMut(&Event) -> Option<Command>) {

@@ -119,7 +119,7 @@ pub(super) fn scene(setup: &Setup, speed: f64) -> Scene {
 /// Does a job as far as it matters here: a frame is prepared, its registration is taken as found.
 pub(super) fn finish_job(job_id: u32, job: &Job) -> Input {
     let output = match job {
-        Job::Prepare { .. } => job.run(&mut |_| ()),
+        Job::Prepare { .. } | Job::Compare(_) => job.run(&mut |_| ()),
         Job::Register(job) => JobOutput::Registered {
             registration: Box::new(ViewRegistration {
                 registration: None,

@@ -151,6 +151,27 @@ impl Exchange {
         self.connect(now);
     }
 
+    /// Another process goes on with the run: no connection is left, and the frame of an open acquisition is fetched once
+    /// there is one. It must be the same camera. Call [`Self::open`] next.
+    pub fn restart(&mut self) {
+        if let Some(flight) = &mut self.flight {
+            flight.interrupt();
+        }
+        self.stage = Stage::Apart;
+        self.broken_transfers = 0;
+        self.remedies = 0;
+        (self.outage, self.patience, self.patience_until) = (None, None, None);
+        (self.in_force, self.armed, self.presented) = (None, false, false);
+        self.clock = Clock::default();
+        self.outbox.clear();
+        self.events.clear();
+    }
+
+    /// The open acquisition is of no use any more.
+    pub fn forget_open(&mut self) {
+        self.flight = None;
+    }
+
     /// These settings are wanted from now on. They are brought into force as soon as no acquisition is open.
     pub fn want(&mut self, now: Stamp, wanted: CameraSettings) {
         self.wanted = wanted;

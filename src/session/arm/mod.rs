@@ -148,6 +148,17 @@ impl Arm {
         }
     }
 
+    /// Another process speaks with the arm from here on. It knows nothing of where the arm stands; servo power that was switched
+    /// on for the run is still the run's to switch off.
+    pub fn restart(&mut self) {
+        let targets = std::mem::take(&mut self.targets);
+        *self = Self {
+            servo_is_ours: self.servo_is_ours,
+            heard: self.heard,
+            ..Self::new(self.settings.clone(), targets)
+        };
+    }
+
     /// Asks who is there; [`ArmEvent::Identity`] answers. Nothing is switched on.
     pub fn identify(&mut self, now: Stamp) {
         self.state = State::Identifying;
