@@ -1,7 +1,7 @@
 //! Runs on the simulated cell: what they leave behind, that they repeat, and the operator's words.
 
 use crate::support::{Bench, Process, RECIPE, Simulator};
-use bladescan::journal::{Record, Topic};
+use bladescan::journal::{Record, Recording, Topic};
 use bladescan::settings::Station;
 use serde_json::Value;
 
@@ -376,6 +376,38 @@ fn assert_hold_was_asked_and_confirmed(bench: &Bench) {
 const HOLD_ON_INSTANCE_1: [u8; 4] = [0x83, 0, 1, 0];
 
 #[test]
+fn a_recording_says_who_ran_which_part_and_how_its_cell_was_started() {
+    let bench = Bench::new("runs-said");
+    let options = [
+        "--part",
+        "SN-0042",
+        "--operator",
+        "R. Roe",
+        "--surface",
+        "machined",
+        "--without",
+        "ghosts",
+    ];
+    bench.dry_run(2, &options).expect(0, &[]);
+    let bytes = bench.read("out/run.mcap");
+    let recording = Recording::open(&bytes).unwrap();
+    let header = recording.header();
+    assert_eq!(
+        (header.part.as_deref(), header.operator.as_deref()),
+        (Some("SN-0042"), Some("R. Roe"))
+    );
+    let simulation = header.simulation.as_ref().unwrap();
+    assert_eq!(
+        (simulation.blade.as_str(), simulation.surface.as_str()),
+        ("builtin:hpt-a", "machined")
+    );
+    assert_eq!(
+        (simulation.without.as_slice(), simulation.speed),
+        (["ghosts".to_owned()].as_slice(), 1000.0)
+    );
+}
+
+#[test]
 fn viewers_find_clouds_and_poses_under_their_published_schemas() {
     let bench = Bench::new("runs-viewer");
     bench.dry_run(3, &[]).expect(0, &[]);
@@ -447,4 +479,10 @@ fn a_recording_carries_recipe_and_station_word_for_word_and_an_index() {
         (&header["recipe"], &header["seed"]),
         (&Value::from("tiny"), &Value::from(1))
     );
+    for (name, text) in [("recipe", RECIPE), ("station", Station::BUILTIN_SIMULATED_TEXT)] {
+        assert_eq!(
+            header[format!("{name}_sha256")],
+            bladescan::job::sha256(text.as_bytes())
+        );
+    }
 }

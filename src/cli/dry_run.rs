@@ -1,20 +1,23 @@
 //! `bladescan dry-run`: the whole job on the built-in simulated cell.
 
 use super::files::{beside, builtin_station_with, make_run_dir, plan, read_recipe};
-use super::live_run::{RunJob, runtime};
+use super::live_run::{RunJob, Said, runtime};
 use super::{Exit, Failure};
+use crate::controller::Simulation;
 use crate::run::{SimulatedCell, SimulatedError, SimulatedOptions};
 use crate::seed::Seed;
 use crate::settings::Cad;
 use clap::ValueEnum;
 use std::num::NonZeroUsize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     /// What to measure and how.
     recipe: PathBuf,
+    #[command(flatten)]
+    said: Said,
     /// Folder of the run; must not exist [default: runs/<recipe>-<UTC time>].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -74,19 +77,25 @@ pub(super) fn main(args: Args) -> Result<Exit, Failure> {
     let plan = plan(&recipe.meaning, &station.meaning, seed, args.views)?;
     let blade = match &recipe.meaning.cad {
         Cad::Builtin(name) => format!("builtin:{name}"),
-        Cad::File(path) => beside(&args.recipe, path).display().to_string(),
+        Cad::File(path) => absolute(&beside(&args.recipe, path))?,
+    };
+    let simulation = Simulation {
+        blade,
+        surface: word(args.surface),
+        without: args.without,
+        speed: args.speed,
     };
     let dir = make_run_dir(args.out.as_deref(), &recipe.meaning, SystemTime::now())?;
     let options = SimulatedOptions {
         seed: args.seed,
-        blade,
+        blade: simulation.blade.clone(),
         optics: recipe.meaning.camera.optics.name(),
-        surface: word(args.surface),
-        without: args.without,
+        surface: simulation.surface.clone(),
+        without: simulation.without.clone(),
         serial: matches!(args.link, Link::Serial),
         base_from_camera: station.meaning.base_from_camera,
         tool_from_blade: station.meaning.tool_from_blade,
-        speed: args.speed,
+        speed: simulation.speed,
         truth: dir.join("truth.json"),
         faults: args.faults,
     };
@@ -95,7 +104,8 @@ pub(super) fn main(args: Args) -> Result<Exit, Failure> {
         station,
         plan,
         seed,
-        part: None,
+        said: args.said,
+        simulation: Some(simulation),
         views: args.views,
         json: args.json,
     };
@@ -115,6 +125,13 @@ pub(super) fn main(args: Args) -> Result<Exit, Failure> {
         cell.stop().await;
         exit
     })
+}
+
+/// A path that still leads there when another process, elsewhere, starts the cell again.
+fn absolute(path: &Path) -> Result<String, Failure> {
+    let absolute = std::path::absolute(path)
+        .map_err(|error| Failure::Usage(format!("cannot name {} in full: {error}", path.display())))?;
+    Ok(absolute.display().to_string())
 }
 
 /// The word that chooses `value`, in the command line and in a station alike.

@@ -2,7 +2,7 @@
 
 use super::files::{Read, make_run_dir, plan, read_recipe, read_station};
 use super::{Exit, Failure, operator, print};
-use crate::controller::{Controller, Header};
+use crate::controller::{Controller, Header, Simulation};
 use crate::event::Ending;
 use crate::job::sha256;
 use crate::plan::Plan;
@@ -14,6 +14,17 @@ use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
+/// What the operator says of a run; it stands in every file of results.
+#[derive(Debug, Clone, clap::Args)]
+pub(super) struct Said {
+    /// Serial number or name of the part.
+    #[arg(long)]
+    part: Option<String>,
+    /// Who runs it.
+    #[arg(long, value_name = "NAME")]
+    operator: Option<String>,
+}
+
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     /// What to measure and how.
@@ -24,9 +35,8 @@ pub(super) struct Args {
     /// Allow real motion. Without it nothing is even connected.
     #[arg(long)]
     arm: bool,
-    /// Serial number or name of the part.
-    #[arg(long)]
-    part: Option<String>,
+    #[command(flatten)]
+    said: Said,
     /// Folder of the run; must not exist [default: runs/<recipe>-<UTC time>].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -68,7 +78,8 @@ pub(super) fn main(args: &Args) -> Result<Exit, Failure> {
         station,
         plan,
         seed,
-        part: args.part.clone(),
+        said: args.said.clone(),
+        simulation: None,
         views: args.views,
         json: args.json,
     };
@@ -82,7 +93,9 @@ pub(super) struct RunJob {
     pub(super) station: Read<Station>,
     pub(super) plan: Plan,
     pub(super) seed: Seed,
-    pub(super) part: Option<String>,
+    pub(super) said: Said,
+    /// What the simulated cell was started with, if this program started it.
+    pub(super) simulation: Option<Simulation>,
     pub(super) views: Option<NonZeroUsize>,
     pub(super) json: bool,
 }
@@ -95,16 +108,19 @@ impl RunJob {
             .duration_since(SystemTime::UNIX_EPOCH)
             .map_or(0, |since| since.as_nanos() as u64);
         let header = Header {
-            version: env!("CARGO_PKG_VERSION").into(),
-            target: format!("{}-{}", std::env::consts::ARCH, std::env::consts::OS),
             seed: self.seed,
             run_id: run_id(start_unix_ns),
             recipe: self.recipe.meaning.name.clone(),
+            recipe_sha256: sha256(self.recipe.text.as_bytes()),
             station: self.station.meaning.name.clone(),
+            station_sha256: sha256(self.station.text.as_bytes()),
             simulated: !matches!(self.station.meaning.target, Target::Cell { .. }),
-            part: self.part,
+            simulation: self.simulation,
+            part: self.said.part,
+            operator: self.said.operator,
             started_utc: humantime::format_rfc3339_seconds(started).to_string(),
             view_count: self.views.map(NonZeroUsize::get),
+            ..Header::default()
         };
         let mut console = Console::new();
         if !header.simulated {

@@ -1,45 +1,13 @@
 //! The files of a run: `poses.json`, `summary.json`, `model.ply`.
 
 use super::backlog::{Backlog, ViewOutcome, ViewRecord};
+use super::header::Header;
 use crate::event::Ending;
 use crate::geometry::matrix_rows;
 use crate::geometry::ply::write_ply;
-use crate::seed::Seed;
 use crate::stamp::Stamp;
-use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
-
-/// What names a run: it stands in the recording and in `summary.json`.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Header {
-    /// Version of bladescan.
-    pub version: String,
-    /// What it was built for.
-    pub target: String,
-    /// The run's seed.
-    pub seed: Seed,
-    /// Names the run to the camera, which keeps the frames of one run; a run that is resumed keeps it. Not 0.
-    #[serde(default = "run_id_of_old")]
-    pub run_id: u64,
-    /// Name of the recipe.
-    pub recipe: String,
-    /// Name of the station.
-    pub station: String,
-    /// Whether the cell is a simulated one.
-    pub simulated: bool,
-    /// Which part, as the operator named it.
-    pub part: Option<String>,
-    /// When the run began, UTC, RFC 3339.
-    pub started_utc: String,
-    /// How many of the plan's views are taken, if not all.
-    pub view_count: Option<usize>,
-}
-
-/// What recordings without a run id said.
-fn run_id_of_old() -> u64 {
-    1
-}
 
 /// The files, in the order in which they are written.
 pub(super) fn files(

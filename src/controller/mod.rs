@@ -6,9 +6,10 @@
 mod backlog;
 mod check;
 mod files;
+mod header;
 
 pub use backlog::{ViewOutcome, ViewRecord};
-pub use files::Header;
+pub use header::{Header, Simulation};
 
 use crate::camera::CameraOutput;
 use crate::event::{Ending, Event, HoldBy};

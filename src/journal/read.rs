@@ -136,10 +136,8 @@ mod tests {
             run_id: 11,
             recipe: "r".into(),
             station: "s".into(),
-            simulated: true,
-            part: None,
-            started_utc: "2026-01-01T00:00:00Z".into(),
             view_count: Some(3),
+            ..Header::default()
         }
     }
 

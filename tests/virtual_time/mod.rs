@@ -95,16 +95,12 @@ impl Pair {
         let views = NonZeroUsize::new(view_count).unwrap();
         let plan = Plan::new(&recipe, &station, Seed(seed)).unwrap().truncated(views);
         let header = Header {
-            version: "test".into(),
-            target: "test".into(),
             seed: Seed(seed),
             run_id: seed + 1,
             recipe: recipe.name.clone(),
             station: station.name.clone(),
-            simulated: true,
-            part: None,
-            started_utc: "2026-01-01T00:00:00Z".into(),
             view_count: Some(view_count),
+            ..Header::default()
         };
         let scene = Scene {
             seed,

@@ -89,16 +89,12 @@ pub(super) fn controller(setup: &Setup) -> Result<Controller, String> {
     let views = NonZeroUsize::new(VIEW_COUNT).ok_or("no views")?;
     let plan = Plan::new(&recipe, &station, Seed(setup.seed)).map_err(|error| error.to_string())?;
     let header = Header {
-        version: "camera-faults".into(),
-        target: "camera-faults".into(),
         seed: Seed(setup.seed),
         run_id: setup.seed.max(1),
         recipe: recipe.name.clone(),
         station: station.name.clone(),
-        simulated: true,
-        part: None,
-        started_utc: "2026-01-01T00:00:00Z".into(),
         view_count: Some(VIEW_COUNT),
+        ..Header::default()
     };
     Ok(Controller::new(header, &recipe, &station, plan.truncated(views)))
 }
