@@ -1,6 +1,7 @@
 //! Whole runs on virtual time: the controller and the simulated cell exchange bytes without a socket, a thread or a sleep.
 
 mod camera;
+mod words;
 
 use bladescan::camera::CameraOutput;
 use bladescan::controller::{Command, Controller, Header, Input, Output, ViewOutcome, ViewRecord};
