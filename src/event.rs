@@ -81,6 +81,8 @@ pub enum Event {
     },
     /// No usable frame came of a view.
     ViewMissing { view_index: usize, reason: String },
+    /// The arm will be held when this view has been taken or given up.
+    HoldDeferred { view_index: usize },
     /// The arm is being held.
     HoldAsked { by: HoldBy },
     /// The hold is confirmed and the arm stands.
@@ -297,6 +299,7 @@ impl Event {
             ),
             Self::ViewDiscarded { view_index, reason, .. } => format!("view {view_index}: discarded, {reason}"),
             Self::ViewMissing { view_index, reason } => format!("view {view_index}: missing, {reason}"),
+            Self::HoldDeferred { view_index } => format!("the arm will be held after view {view_index}"),
             Self::HoldAsked { by } => match by {
                 HoldBy::Operator => "holding the arm, as the operator asked".into(),
                 HoldBy::Robot => "held at the robot: release it there, then resume".into(),

@@ -135,7 +135,7 @@ impl RunJob {
             start_unix_ns,
             links,
             pool: &pool,
-            commands: operator::listen(),
+            commands: operator::listen(console.voice()),
             console: &mut console,
             dir,
         };

@@ -11,37 +11,24 @@ mod header;
 pub use backlog::{ViewOutcome, ViewRecord};
 pub use header::{Header, Simulation};
 
+pub use crate::session::Command;
+
 use crate::camera::CameraOutput;
-use crate::event::{Ending, Event, HoldBy};
+use crate::event::{Ending, Event};
 use crate::fault::{Fault, FaultCode};
 use crate::geometry::PointCloud;
 use crate::job::{FinishedJob, Job};
 use crate::plan::Plan;
 use crate::reconstruction::Model;
 use crate::robot::RobotOutput;
-use crate::session::{Session, SessionEvent};
+use crate::session::{Session, SessionEvent, State};
 use crate::settings::{Recipe, Station};
 use crate::stamp::Stamp;
 use backlog::Backlog;
 use check::{GripCheck, Verdict};
 use nalgebra::Isometry3;
-use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::sync::Arc;
-
-/// What the operator wants.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Command {
-    /// Stop the arm.
-    Hold,
-    /// Go on after a hold.
-    Resume,
-    /// End the run.
-    Abort,
-    /// The stop key (Ctrl-C): hold; if the arm is held already, end the run.
-    Stop,
-}
 
 /// Everything that can happen to a run.
 #[derive(Debug, Clone)]
@@ -212,6 +199,11 @@ impl Controller {
         self.session.ending()
     }
 
+    /// Where the acquisition stands.
+    pub fn state(&self) -> State {
+        self.session.state()
+    }
+
     /// What became of each planned view so far.
     pub fn views(&self) -> &[ViewRecord] {
         self.backlog.views()
@@ -282,13 +274,7 @@ impl Controller {
     }
 
     fn handle_command(&mut self, now: Stamp, command: Command) {
-        match command {
-            Command::Hold => self.session.hold(now, HoldBy::Operator),
-            Command::Resume => self.session.resume(now),
-            Command::Abort => self.session.abort(now),
-            Command::Stop if self.session.is_held() => self.session.abort(now),
-            Command::Stop => self.session.hold(now, HoldBy::Operator),
-        }
+        self.session.obey(now, command);
         self.session.handle_wake(now);
     }
 
@@ -297,10 +283,8 @@ impl Controller {
         loop {
             self.session.advance(now, self.backlog.waiting_count());
             let mut moved = self.take_session_outputs(now);
-            if self.session.is_acquired() && self.session.ending().is_none() && self.begun {
-                self.session.finish(now);
-                self.session.handle_wake(now);
-                moved = true;
+            if self.begun && self.session.is_acquired() {
+                moved |= self.finish(now);
             }
             moved |= self.take_backlog_outputs();
             moved |= self.check_on();
@@ -311,6 +295,16 @@ impl Controller {
         if self.session.is_over() && self.backlog.is_idle() {
             self.conclude(now);
         }
+    }
+
+    /// Ends the run once every view is taken; a hold is seen through first.
+    fn finish(&mut self, now: Stamp) -> bool {
+        if matches!(self.session.state(), State::Holding | State::Ending | State::Over) {
+            return false;
+        }
+        self.session.finish(now);
+        self.session.handle_wake(now);
+        true
     }
 
     fn take_session_outputs(&mut self, now: Stamp) -> bool {

@@ -11,6 +11,22 @@ pub struct Console {
     quiet: bool,
 }
 
+/// Says something to the person, from any thread.
+#[derive(Clone)]
+pub struct Voice(Option<MultiProgress>);
+
+impl Voice {
+    /// Says it.
+    pub fn say(&self, text: &str) {
+        match &self.0 {
+            Some(bars) => {
+                bars.println(text).ok();
+            }
+            None => line(text),
+        }
+    }
+}
+
 struct Bars {
     all: MultiProgress,
     run: ProgressBar,
@@ -42,18 +58,18 @@ impl Console {
             (None, _) => {}
         }
         if matches!(event, Event::Held) {
-            self.say("HELD. r + Enter: resume   a + Enter: abort   Ctrl-C: abort");
+            self.say("HELD. With Enter, r: resume   s: one view, then held again   a: abort   Ctrl-C: abort");
         }
     }
 
     /// Says something to the person.
     pub fn say(&self, text: &str) {
-        match &self.bars {
-            Some(bars) => {
-                bars.all.println(text).ok();
-            }
-            None => line(text),
-        }
+        self.voice().say(text);
+    }
+
+    /// A voice for another thread, which does not tear the bars.
+    pub fn voice(&self) -> Voice {
+        Voice(self.bars.as_ref().map(|bars| bars.all.clone()))
     }
 
     /// Takes the bars away.
@@ -129,6 +145,7 @@ fn is_worth_a_line(event: &Event) -> bool {
         | Event::ViewMerged { .. }
         | Event::ViewDiscarded { .. }
         | Event::ViewMissing { .. }
+        | Event::HoldDeferred { .. }
         | Event::HoldAsked { .. }
         | Event::Held
         | Event::Resumed

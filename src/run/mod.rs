@@ -18,7 +18,7 @@ mod wires;
 
 pub use bridge::{BridgeError, BridgeReport, serve_bridge};
 pub use camera_lines::camera_lines;
-pub use console::Console;
+pub use console::{Console, Voice};
 pub use conversation::{Conversation, ConversationError};
 pub use file_transfer::{TransferError, Transferred, transfer};
 pub use journal_file::{JournalError, JournalFile, pack_file};

@@ -2,9 +2,10 @@
 
 mod camera;
 mod restart;
+mod words;
 
 use bladescan::camera::CameraOutput;
-use bladescan::controller::{Command, Controller, Header, Input, Output, ViewRecord};
+use bladescan::controller::{Command, Controller, Header, Input, Output, ViewOutcome, ViewRecord};
 use bladescan::event::{Ending, Event, HoldBy};
 use bladescan::job::{FinishedJob, JobOutput, sha256};
 use bladescan::journal::{Recording, Writer, input_record, output_records};
@@ -81,6 +82,8 @@ struct Pair {
     servo_off_count: usize,
     /// The job of this name and view panics.
     panicking_job: Option<(&'static str, usize)>,
+    /// How long a job takes.
+    job_ns: u64,
     files: BTreeMap<&'static str, Vec<u8>>,
 }
 
@@ -135,6 +138,7 @@ impl Pair {
             accepted_move_count: 0,
             servo_off_count: 0,
             panicking_job: None,
+            job_ns: JOB_NS,
             files: BTreeMap::new(),
         }
     }
@@ -262,7 +266,7 @@ impl Pair {
                     if self.panicking_job == Some((job.name(), job.view_index())) {
                         done.output = JobOutput::Panicked { text: "a bug".into() };
                     }
-                    self.send(JOB_NS, Delivery::ToController(Input::JobDone { job_id, done }));
+                    self.send(self.job_ns, Delivery::ToController(Input::JobDone { job_id, done }));
                 }
                 Output::Event(event) => {
                     commands.extend(on_event(&event));
@@ -537,6 +541,22 @@ fn a_fault_in_the_last_registration_is_how_the_run_ends_though_all_was_taken() {
     // Not replayed: there the job does not panic.
     assert_eq!(Pair::fault_name(&ending), "job-panicked");
     assert_eq!(pair.merged_count(), 1);
+}
+
+#[test]
+fn a_panic_in_a_job_costs_the_view_of_that_job_and_no_other_frame() {
+    for job in ["prepare", "register"] {
+        let mut pair = Pair::new(4, &[], 0.0, 1);
+        pair.panicking_job = Some((job, 1));
+        // Longer than taking all views: every frame has come when the job panics.
+        pair.job_ns = 10 * JOB_NS;
+        assert_eq!(Pair::fault_name(&pair.drive(|_| None)), "job-panicked", "{job}");
+        assert_eq!(pair.merged_count(), 3, "{job}");
+        let ViewOutcome::Discarded { reason } = &pair.controller.views()[1].outcome else {
+            panic!("{job}: {:?}", pair.controller.views()[1]);
+        };
+        assert_eq!(reason, "a job panicked: a bug", "{job}");
+    }
 }
 
 #[test]
