@@ -79,11 +79,33 @@ pub enum Input {
         /// What came of it.
         done: FinishedJob,
     },
+    /// Everything recorded before [`Output::Sync`] is on the disk.
+    Synced {
+        /// Which view's frame is kept by that.
+        view_index: usize,
+        /// Which attempt at it.
+        attempt: u16,
+    },
+    /// Bytes that were put out for a device waited for the journal and will never leave.
+    Withheld {
+        /// For which.
+        device: Device,
+    },
     /// The journal cannot be written any more.
     JournalFailed {
         /// The system's words.
         reason: String,
     },
+}
+
+/// One of the two devices of a cell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Device {
+    /// The robot.
+    Robot,
+    /// The camera.
+    Camera,
 }
 
 /// Everything that a run wants done.
@@ -99,6 +121,13 @@ pub enum Output {
         job_id: u32,
         /// What to do.
         job: Arc<Job>,
+    },
+    /// A frame has come: put everything recorded so far on the disk, then hand [`Input::Synced`] back.
+    Sync {
+        /// Which view's frame.
+        view_index: usize,
+        /// Which attempt at it.
+        attempt: u16,
     },
     /// Something happened.
     Event(Event),
@@ -136,6 +165,9 @@ pub struct Controller {
     backlog: Backlog,
     begun: bool,
     over: bool,
+    /// Frames that have come and are not on the disk yet: view and attempt.
+    unkept: VecDeque<(usize, u16)>,
+    journal_failed: bool,
     outputs: VecDeque<Output>,
 }
 
@@ -149,6 +181,8 @@ impl Controller {
             plan,
             begun: false,
             over: false,
+            unkept: VecDeque::new(),
+            journal_failed: false,
             outputs: VecDeque::new(),
         }
     }
@@ -174,7 +208,14 @@ impl Controller {
                     self.session.fault(now, Fault::new(FaultCode::JobPanicked, text));
                 }
             }
-            Input::JournalFailed { reason } => self.session.fault(now, Fault::new(FaultCode::Journal, reason)),
+            Input::Synced { view_index, attempt } => self.handle_synced((view_index, attempt)),
+            Input::Withheld { device } => self.handle_withheld(device),
+            Input::JournalFailed { reason } => {
+                self.journal_failed = true;
+                // Nothing will be kept any more.
+                self.unkept.clear();
+                self.session.fault(now, Fault::new(FaultCode::Journal, reason));
+            }
         }
         self.proceed(now);
     }
@@ -234,12 +275,33 @@ impl Controller {
         self.session.handle_wake(now);
     }
 
+    /// A frame is on the disk: from now on its view counts as taken.
+    fn handle_synced(&mut self, synced: (usize, u16)) {
+        if let Some(place) = self.unkept.iter().position(|frame| *frame == synced) {
+            self.unkept.remove(place);
+            let (view_index, attempt) = synced;
+            self.outputs
+                .push_back(Output::Event(Event::FrameKept { view_index, attempt }));
+        }
+    }
+
+    fn handle_withheld(&mut self, device: Device) {
+        let device = match device {
+            Device::Robot => "robot",
+            Device::Camera => "camera",
+        };
+        let text = format!("what waited for the recording was not sent to the {device}");
+        self.outputs.push_back(Output::Event(Event::Noted { text }));
+    }
+
     /// Carries everything as far as it goes without another input.
     fn proceed(&mut self, now: Stamp) {
         loop {
-            self.session.advance(now, self.backlog.waiting_count());
+            let waiting_count = self.backlog.waiting_count().max(self.unkept.len());
+            self.session.advance(now, waiting_count);
             let mut moved = self.take_session_outputs(now);
-            if self.session.is_acquired() && self.session.ending().is_none() && self.begun {
+            let all_is_here = self.session.is_acquired() && self.unkept.is_empty();
+            if all_is_here && self.session.ending().is_none() && self.begun {
                 self.session.finish(now);
                 self.session.handle_wake(now);
                 moved = true;
@@ -249,7 +311,7 @@ impl Controller {
                 break;
             }
         }
-        if self.session.is_over() && self.backlog.is_idle() {
+        if self.session.is_over() && self.backlog.is_idle() && self.unkept.is_empty() {
             self.conclude(now);
         }
     }
@@ -268,6 +330,7 @@ impl Controller {
                 SessionEvent::Event(event) => self.outputs.push_back(Output::Event(event)),
                 SessionEvent::Captured(view) => {
                     captured = true;
+                    self.keep(view.view_index, view.attempt);
                     self.backlog.add(now, view);
                 }
                 SessionEvent::Missing { view_index, reason } => {
@@ -278,6 +341,13 @@ impl Controller {
             }
         }
         captured || self.outputs.len() > before
+    }
+
+    fn keep(&mut self, view_index: usize, attempt: u16) {
+        if !self.journal_failed {
+            self.unkept.push_back((view_index, attempt));
+            self.outputs.push_back(Output::Sync { view_index, attempt });
+        }
     }
 
     fn take_backlog_outputs(&mut self) -> bool {

@@ -6,10 +6,10 @@ use bladescan::camera::CameraOutput;
 use bladescan::controller::{Command, Controller, Header, Input, Output, ViewRecord};
 use bladescan::event::{Ending, Event, HoldBy};
 use bladescan::job::{FinishedJob, JobOutput, sha256};
-use bladescan::journal::{Recording, Writer, input_record, output_records};
+use bladescan::journal::{Recording, Writer};
 use bladescan::plan::Plan;
 use bladescan::robot::{self, RobotOutput};
-use bladescan::run::{Pool, replay};
+use bladescan::run::{Journalled, Pool, replay};
 use bladescan::seed::Seed;
 use bladescan::settings::{Recipe, Station};
 use bladescan::stamp::Stamp;
@@ -58,7 +58,7 @@ enum Delivery {
 
 /// Controller and cell with a wire between them.
 struct Pair {
-    controller: Controller,
+    run: Journalled<Writer<Cursor<Vec<u8>>>>,
     cell: Cell,
     renderer: Renderer,
     pool: Pool,
@@ -72,7 +72,6 @@ struct Pair {
     /// Share of datagrams lost in each direction.
     loss: f64,
     chance: ChaCha8Rng,
-    journal: Writer<Cursor<Vec<u8>>>,
     events: Vec<(u64, Event)>,
     /// Moves that the simulated robot accepted.
     accepted_move_count: usize,
@@ -124,7 +123,7 @@ impl Pair {
         Self {
             renderer: Renderer::new(&Builtin::HptA.mesh(), scene.surface).unwrap(),
             cell: Cell::new(scene),
-            controller: Controller::new(header, &recipe, &station, plan),
+            run: Journalled::new(Controller::new(header, &recipe, &station, plan), journal, START_UNIX_NS),
             pool: Pool::new().unwrap(),
             now_ns: 0,
             wire: BTreeMap::new(),
@@ -133,7 +132,6 @@ impl Pair {
             configured_at_ns: Vec::new(),
             loss,
             chance: ChaCha8Rng::seed_from_u64(seed),
-            journal,
             events: Vec::new(),
             accepted_move_count: 0,
             servo_off_count: 0,
@@ -145,10 +143,10 @@ impl Pair {
     /// Runs to the end; `on_event` may answer an event with the operator's word.
     fn drive(&mut self, mut on_event: impl FnMut(&Event) -> Option<Command>) -> Ending {
         self.tell(Input::Begin, &mut on_event);
-        while !self.controller.is_over() {
+        while !self.run.controller().is_over() {
             let next = [
                 self.wire.keys().next().map(|(ns, _)| *ns),
-                self.controller.wake_at().map(|stamp| stamp.ns),
+                self.run.wake_at().map(|stamp| stamp.ns),
                 self.cell.wake_at(),
             ];
             self.now_ns = next
@@ -168,10 +166,11 @@ impl Pair {
             } else if self.cell.wake_at().is_some_and(|ns| ns <= self.now_ns) {
                 self.ask_cell(cell::Input::Wake);
             } else {
-                self.tell(Input::Wake, &mut on_event);
+                self.run.handle_wake(Stamp { ns: self.now_ns });
+                self.carry_out(&mut on_event);
             }
         }
-        self.controller.ending().unwrap().clone()
+        self.run.controller().ending().unwrap().clone()
     }
 
     fn deliver(&mut self, delivery: Delivery, on_event: &mut impl FnMut(&Event) -> Option<Command>) {
@@ -199,14 +198,13 @@ impl Pair {
     }
 
     fn tell(&mut self, input: Input, on_event: &mut impl FnMut(&Event) -> Option<Command>) {
-        let now = Stamp { ns: self.now_ns };
-        self.journal.write(&input_record(now, &input)).unwrap();
-        self.controller.handle_input(now, input);
+        self.run.handle_input(Stamp { ns: self.now_ns }, input);
+        self.carry_out(on_event);
+    }
+
+    fn carry_out(&mut self, on_event: &mut impl FnMut(&Event) -> Option<Command>) {
         let mut commands = Vec::new();
-        while let Some(output) = self.controller.poll_output() {
-            for record in output_records(now, &output, START_UNIX_NS) {
-                self.journal.write(&record).unwrap();
-            }
+        while let Some(output) = self.run.poll_output() {
             match output {
                 Output::Robot(RobotOutput::Bytes { bytes, .. }) => {
                     self.servo_off_count +=
@@ -246,6 +244,7 @@ impl Pair {
                     self.files.insert(name, bytes);
                 }
                 Output::Robot(RobotOutput::Connect | RobotOutput::Close)
+                | Output::Sync { .. }
                 | Output::ViewCloud { .. }
                 | Output::ViewPose { .. }
                 | Output::Model(_) => {}
@@ -297,7 +296,7 @@ impl Pair {
 
     fn merged_count(&self) -> usize {
         let merged = |view: &&ViewRecord| view.model_from_view().is_some();
-        self.controller.views().iter().filter(merged).count()
+        self.run.controller().views().iter().filter(merged).count()
     }
 
     fn fault_name(ending: &Ending) -> &'static str {
@@ -309,7 +308,8 @@ impl Pair {
 
     /// Ends the recording and replays it.
     fn replay(self) {
-        let bytes = self.journal.finish().unwrap().into_inner();
+        let (_, journal) = self.run.into_parts();
+        let bytes = journal.finish().unwrap().into_inner();
         let recording = Recording::open(&bytes).unwrap();
         let report = replay(&recording, &self.pool).unwrap();
         assert!(report.identical && report.complete, "{:#?}", report.difference);
@@ -517,7 +517,7 @@ fn a_fault_in_the_last_registration_is_how_the_run_ends_though_all_was_taken() {
 fn a_frame_taken_again_has_an_attempt_of_its_own() {
     let mut pair = Pair::new(3, &["corrupt-chunk@1"], 0.0, 1);
     pair.drive(|_| None);
-    let attempts: Vec<u16> = pair.controller.views().iter().map(|view| view.attempt).collect();
+    let attempts: Vec<u16> = pair.run.controller().views().iter().map(|view| view.attempt).collect();
     assert_eq!(attempts, [0, 1, 0]);
     pair.replay();
 }
