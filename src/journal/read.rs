@@ -3,9 +3,10 @@
 use super::{RECIPE_ATTACHMENT, RUN_METADATA, Record, STATION_ATTACHMENT, Topic};
 use crate::controller::Header;
 use crate::stamp::Stamp;
-use mcap::McapError;
-use mcap::MessageStream;
 use mcap::read::{LinearReader, Options};
+use mcap::records::{Metadata, Record as RawRecord};
+use mcap::{Attachment, McapError, MessageStream};
+use std::borrow::Cow;
 use thiserror::Error;
 
 /// A recording in memory.
@@ -38,10 +39,8 @@ impl<'a> Recording<'a> {
         let (mut run, mut recipe_text, mut station_text) = (None, None, None);
         for record in LinearReader::new_with_options(bytes, Options::IgnoreEndMagic.into())? {
             match record {
-                Ok(mcap::records::Record::Metadata(metadata)) if metadata.name == RUN_METADATA => {
-                    run = Some(metadata.metadata)
-                }
-                Ok(mcap::records::Record::Attachment { header, data, .. }) => {
+                Ok(RawRecord::Metadata(metadata)) if metadata.name == RUN_METADATA => run = Some(metadata.metadata),
+                Ok(RawRecord::Attachment { header, data, .. }) => {
                     let text = Some(String::from_utf8_lossy(&data).into_owned());
                     match header.name.as_str() {
                         RECIPE_ATTACHMENT => recipe_text = text,
@@ -87,6 +86,31 @@ impl<'a> Recording<'a> {
     /// The station, word for word.
     pub fn station_text(&self) -> &str {
         &self.station_text
+    }
+
+    /// Metadata and attachments that others have put in.
+    pub(super) fn extras(&self) -> Result<(Vec<Metadata>, Vec<Attachment<'static>>), ReadError> {
+        let (mut metadata, mut attachments) = (Vec::new(), Vec::new());
+        for record in LinearReader::new_with_options(self.bytes, Options::IgnoreEndMagic.into())? {
+            match record {
+                Ok(RawRecord::Metadata(found)) if found.name != RUN_METADATA => metadata.push(found),
+                Ok(RawRecord::Attachment { header, data, .. })
+                    if header.name != RECIPE_ATTACHMENT && header.name != STATION_ATTACHMENT =>
+                {
+                    attachments.push(Attachment {
+                        log_time: header.log_time,
+                        create_time: header.create_time,
+                        name: header.name,
+                        media_type: header.media_type,
+                        data: Cow::Owned(data.into_owned()),
+                    });
+                }
+                Ok(_) => {}
+                // A killed process leaves the last record torn.
+                Err(_) => break,
+            }
+        }
+        Ok((metadata, attachments))
     }
 
     /// The records in the order in which they were written.
@@ -169,6 +193,32 @@ mod tests {
             .into_inner();
         assert_eq!(read(&packed), records());
         assert!(mcap::Summary::read(&packed).unwrap().unwrap().stats.is_some());
+    }
+
+    #[test]
+    fn packing_keeps_what_others_have_attached() {
+        let mut writer = Writer::begin(Cursor::new(Vec::new()), &header(), 1_000, "recipe", "station").unwrap();
+        let note = Metadata {
+            name: "note".into(),
+            metadata: [("by".to_owned(), "somebody".to_owned())].into(),
+        };
+        let picture = Attachment {
+            log_time: 5,
+            create_time: 6,
+            name: "picture.png".into(),
+            media_type: "image/png".into(),
+            data: Cow::Borrowed(&[1, 2, 3]),
+        };
+        writer
+            .keep(std::slice::from_ref(&note), std::slice::from_ref(&picture))
+            .unwrap();
+        let plain = writer.finish().unwrap().into_inner();
+        let packed = pack(&Recording::open(&plain).unwrap(), Cursor::new(Vec::new()))
+            .unwrap()
+            .into_inner();
+        let recording = Recording::open(&packed).unwrap();
+        assert_eq!(recording.header(), &header());
+        assert_eq!(recording.extras().unwrap(), (vec![note], vec![picture]));
     }
 
     #[test]

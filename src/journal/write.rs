@@ -115,6 +115,17 @@ impl<W: Write + Seek> Writer<W> {
         self.mcap.into_inner()
     }
 
+    /// Writes metadata and attachments of others as they are.
+    pub(super) fn keep(&mut self, metadata: &[Metadata], attachments: &[Attachment<'_>]) -> Result<(), McapError> {
+        for some in metadata {
+            self.mcap.write_metadata(some)?;
+        }
+        for some in attachments {
+            self.mcap.attach(some)?;
+        }
+        Ok(())
+    }
+
     /// Ends the recording and hands the underlying writer back.
     pub fn finish(mut self) -> Result<W, McapError> {
         self.mcap.finish()?;
@@ -136,6 +147,8 @@ pub fn pack<W: Write + Seek>(recording: &Recording<'_>, out: W) -> Result<W, Rea
         recording.recipe_text(),
         recording.station_text(),
     )?;
+    let (metadata, attachments) = recording.extras()?;
+    writer.keep(&metadata, &attachments)?;
     for record in recording.records()? {
         writer.write(&record?)?;
     }
