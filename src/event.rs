@@ -53,6 +53,8 @@ pub enum Event {
         valid_count: u32,
         saturated_count: u32,
     },
+    /// The frame is on the disk: the view counts as taken.
+    FrameKept { view_index: usize, attempt: u16 },
     /// An acquisition gave no usable frame.
     FrameFailed {
         view_index: usize,
@@ -267,6 +269,7 @@ impl Event {
                 valid_count,
                 ..
             } => format!("{}: frame with {valid_count} points", named(*view_index, *attempt)),
+            Self::FrameKept { view_index, attempt } => format!("{}: frame kept", named(*view_index, *attempt)),
             Self::FrameFailed {
                 view_index,
                 attempt,

@@ -27,6 +27,7 @@ use crate::stamp::Stamp;
 use backlog::Backlog;
 use check::{GripCheck, Verdict};
 use nalgebra::Isometry3;
+use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -74,11 +75,33 @@ pub enum Input {
         /// Its version of bladescan.
         version: String,
     },
+    /// Everything recorded before [`Output::Sync`] is on the disk.
+    Synced {
+        /// Which view's frame is kept by that.
+        view_index: usize,
+        /// Which attempt at it.
+        attempt: u16,
+    },
+    /// Bytes that were put out for a device waited for the journal and will never leave.
+    Withheld {
+        /// For which.
+        device: Device,
+    },
     /// The journal cannot be written any more.
     JournalFailed {
         /// The system's words.
         reason: String,
     },
+}
+
+/// One of the two devices of a cell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Device {
+    /// The robot.
+    Robot,
+    /// The camera.
+    Camera,
 }
 
 /// Everything that a run wants done.
@@ -94,6 +117,13 @@ pub enum Output {
         job_id: u32,
         /// What to do.
         job: Arc<Job>,
+    },
+    /// A frame has come: put everything recorded so far on the disk, then hand [`Input::Synced`] back.
+    Sync {
+        /// Which view's frame.
+        view_index: usize,
+        /// Which attempt at it.
+        attempt: u16,
     },
     /// Something happened.
     Event(Event),
@@ -132,6 +162,9 @@ pub struct Controller {
     check: GripCheck,
     begun: bool,
     over: bool,
+    /// Frames that have come and are not on the disk yet: view and attempt.
+    unkept: VecDeque<(usize, u16)>,
+    journal_failed: bool,
     outputs: VecDeque<Output>,
 }
 
@@ -146,6 +179,8 @@ impl Controller {
             plan,
             begun: false,
             over: false,
+            unkept: VecDeque::new(),
+            journal_failed: false,
             outputs: VecDeque::new(),
         }
     }
@@ -173,7 +208,14 @@ impl Controller {
                     self.session.fault(now, Fault::new(FaultCode::JobPanicked, text));
                 }
             }
-            Input::JournalFailed { reason } => self.session.fault(now, Fault::new(FaultCode::Journal, reason)),
+            Input::Synced { view_index, attempt } => self.handle_synced((view_index, attempt)),
+            Input::Withheld { device } => self.handle_withheld(device),
+            Input::JournalFailed { reason } => {
+                self.journal_failed = true;
+                // Nothing will be kept any more.
+                self.unkept.clear();
+                self.session.fault(now, Fault::new(FaultCode::Journal, reason));
+            }
         }
         self.proceed(now);
     }
@@ -231,6 +273,12 @@ impl Controller {
     fn restart(&mut self, now: Stamp, version: String) {
         self.over = false;
         self.begun = true;
+        self.journal_failed = false;
+        // Their records have just been read.
+        for (view_index, attempt) in self.unkept.drain(..) {
+            self.outputs
+                .push_back(Output::Event(Event::FrameKept { view_index, attempt }));
+        }
         let checked_view = self.check.restart();
         self.session.restart(checked_view);
         self.outputs.push_back(Output::Event(Event::Restarted {
@@ -278,12 +326,32 @@ impl Controller {
         self.session.handle_wake(now);
     }
 
+    /// A frame is on the disk: from now on its view counts as taken.
+    fn handle_synced(&mut self, synced: (usize, u16)) {
+        if let Some(place) = self.unkept.iter().position(|frame| *frame == synced) {
+            self.unkept.remove(place);
+            let (view_index, attempt) = synced;
+            self.outputs
+                .push_back(Output::Event(Event::FrameKept { view_index, attempt }));
+        }
+    }
+
+    fn handle_withheld(&mut self, device: Device) {
+        let device = match device {
+            Device::Robot => "robot",
+            Device::Camera => "camera",
+        };
+        let text = format!("what waited for the recording was not sent to the {device}");
+        self.outputs.push_back(Output::Event(Event::Noted { text }));
+    }
+
     /// Carries everything as far as it goes without another input.
     fn proceed(&mut self, now: Stamp) {
         loop {
-            self.session.advance(now, self.backlog.waiting_count());
+            let waiting_count = self.backlog.waiting_count().max(self.unkept.len());
+            self.session.advance(now, waiting_count);
             let mut moved = self.take_session_outputs(now);
-            if self.begun && self.session.is_acquired() {
+            if self.begun && self.session.is_acquired() && self.unkept.is_empty() {
                 moved |= self.finish(now);
             }
             moved |= self.take_backlog_outputs();
@@ -292,7 +360,7 @@ impl Controller {
                 break;
             }
         }
-        if self.session.is_over() && self.backlog.is_idle() {
+        if self.session.is_over() && self.backlog.is_idle() && self.unkept.is_empty() {
             self.conclude(now);
         }
     }
@@ -327,6 +395,7 @@ impl Controller {
                 SessionEvent::Captured(view) => {
                     captured = true;
                     self.check.remember(&view);
+                    self.keep(view.view_index, view.attempt);
                     self.backlog.add(now, view);
                 }
                 SessionEvent::Missing { view_index, reason } => {
@@ -337,6 +406,13 @@ impl Controller {
             }
         }
         captured || self.outputs.len() > before
+    }
+
+    fn keep(&mut self, view_index: usize, attempt: u16) {
+        if !self.journal_failed {
+            self.unkept.push_back((view_index, attempt));
+            self.outputs.push_back(Output::Sync { view_index, attempt });
+        }
     }
 
     fn take_backlog_outputs(&mut self) -> bool {

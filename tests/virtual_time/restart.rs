@@ -30,13 +30,8 @@ impl Pair {
         let seed = recording.header().seed.0;
         let mut pair = Self::with_recipe(recording.recipe_text(), view_count, &[], 0.0, seed);
         let rebuilt = rebuild(&recording, &pair.pool, &mut |_| ()).unwrap();
-        for record in recording.records().unwrap() {
-            pair.journal.write(&record.unwrap()).unwrap();
-        }
-        for record in &rebuilt.unwritten {
-            pair.journal.write(record).unwrap();
-        }
-        pair.controller = rebuilt.controller;
+        let journal = recording.copied(Cursor::new(Vec::new()), &rebuilt.unwritten).unwrap();
+        pair.run = Journalled::new(rebuilt.controller, journal, START_UNIX_NS);
         pair.now_ns = rebuilt.last.ns + 1_000_000;
         // Connections of before are not this process's.
         pair.connection = 100;
@@ -55,7 +50,8 @@ impl Pair {
     }
 
     fn finish_recording(self) -> Vec<u8> {
-        self.journal.finish().unwrap().into_inner()
+        let (_, journal) = self.run.into_parts();
+        journal.finish().unwrap().into_inner()
     }
 
     fn checked(&self) -> Option<(usize, f64, bool)> {

@@ -114,7 +114,7 @@ fn a_view_that_is_taken_again_at_once_is_still_the_view_in_work() {
         "after 1", "move 1", "frame 1", "hold", "held", "resumed", "move 2", "frame 2",
     ];
     assert_eq!(course[deferred..], expected);
-    assert_eq!(pair.controller.views()[1].attempt, 1);
+    assert_eq!(pair.run.controller().views()[1].attempt, 1);
     pair.replay();
 }
 
