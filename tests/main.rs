@@ -10,6 +10,7 @@ mod exposures;
 mod faults;
 mod floors;
 mod register;
+mod resume;
 mod robot;
 mod runs;
 mod settings;

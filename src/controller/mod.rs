@@ -251,6 +251,11 @@ impl Controller {
         self.backlog.views()
     }
 
+    /// The views that are still to be taken, in the order in which they will be.
+    pub fn left(&self) -> Vec<usize> {
+        self.session.left()
+    }
+
     /// How many views must be merged for the run to count as done.
     pub fn merged_min_count(&self) -> usize {
         self.plan.merged_min_count()
@@ -284,7 +289,7 @@ impl Controller {
         self.outputs.push_back(Output::Event(Event::Restarted {
             version,
             taken_count: self.backlog.taken_count(),
-            left_count: self.session.left_count(),
+            left_count: self.session.left().len(),
         }));
         self.session.begin(now);
     }

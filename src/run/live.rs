@@ -11,7 +11,10 @@ use super::wires::{self, Place};
 use crate::camera::CameraOutput;
 use crate::controller::{Command, Controller, Input, Output};
 use crate::event::Ending;
+use crate::job::FinishedJob;
 use crate::robot::RobotOutput;
+use crate::stamp::Stamp;
+use std::collections::BTreeMap;
 use std::fs::OpenOptions;
 use std::io::{self, Write as _};
 use std::net::SocketAddr;
@@ -58,10 +61,34 @@ pub struct Live<'a> {
     pub pool: &'a Pool,
     /// The operator's words.
     pub commands: mpsc::Receiver<Command>,
+    /// What happens first, and when.
+    pub beginning: Beginning,
     /// Where progress is shown.
     pub console: &'a mut Console,
     /// The run's folder.
     pub dir: &'a Path,
+}
+
+/// How a run begins, or goes on.
+#[derive(Debug)]
+pub struct Beginning {
+    /// The first input.
+    pub input: Input,
+    /// When that is.
+    pub at: Stamp,
+    /// Jobs that have ended and were not handed back yet.
+    pub done: BTreeMap<u32, FinishedJob>,
+}
+
+impl Default for Beginning {
+    /// A new run.
+    fn default() -> Self {
+        Self {
+            input: Input::Begin,
+            at: Stamp::START,
+            done: BTreeMap::new(),
+        }
+    }
 }
 
 /// How it went.
@@ -135,11 +162,12 @@ pub async fn run(live: Live<'_>) -> Result<Outcome, LiveError> {
         links,
         pool,
         commands,
+        beginning,
         console,
         dir,
     } = live;
     let shell = Shell {
-        clock: Clock::start(),
+        clock: Clock::start_at(beginning.at),
         journalled: Journalled::new(controller, journal, start_unix_ns),
         robot,
         camera: CameraWire::default(),
@@ -152,7 +180,10 @@ pub async fn run(live: Live<'_>) -> Result<Outcome, LiveError> {
         summary: Vec::new(),
         file_error: None,
     };
-    shell.run(commands, stream_news, finished_jobs).await
+    for (job_id, done) in beginning.done {
+        shell.finished.send(Input::JobDone { job_id, done }).ok();
+    }
+    shell.run(beginning.input, commands, stream_news, finished_jobs).await
 }
 
 struct Shell<'a> {
@@ -183,12 +214,13 @@ enum News {
 impl Shell<'_> {
     async fn run(
         mut self,
+        first: Input,
         mut commands: mpsc::Receiver<Command>,
         mut stream_news: mpsc::Receiver<Input>,
         mut finished_jobs: mpsc::UnboundedReceiver<Input>,
     ) -> Result<Outcome, LiveError> {
         let mut journal_news = self.journalled.journal().news();
-        self.handle(News::Input(Input::Begin)).await;
+        self.handle(News::Input(first)).await;
         let mut datagram = vec![0u8; DATAGRAM_BYTES];
         while !self.journalled.controller().is_over() {
             let wake = self.journalled.wake_at();
