@@ -9,6 +9,7 @@ mod conformance;
 mod exposures;
 mod faults;
 mod floors;
+mod provenance;
 mod register;
 mod robot;
 mod runs;

@@ -6,7 +6,7 @@ use crate::controller::{Controller, Header, Simulation};
 use crate::event::Ending;
 use crate::job::sha256;
 use crate::plan::Plan;
-use crate::run::{Console, JournalFile, Links, Live, Outcome, Pool, RobotPlace, pack_file, run};
+use crate::run::{Console, JournalFile, Links, Live, Pool, RobotPlace, pack_file, run};
 use crate::seed::Seed;
 use crate::settings::{HostPort, Recipe, RobotAddress, Station, Target};
 use std::net::{SocketAddr, ToSocketAddrs as _};
@@ -18,10 +18,10 @@ use std::time::SystemTime;
 #[derive(Debug, Clone, clap::Args)]
 pub(super) struct Said {
     /// Serial number or name of the part.
-    #[arg(long)]
+    #[arg(long, value_name = "TEXT", value_parser = said)]
     part: Option<String>,
     /// Who runs it.
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", value_parser = said)]
     operator: Option<String>,
 }
 
@@ -108,6 +108,7 @@ impl RunJob {
             .duration_since(SystemTime::UNIX_EPOCH)
             .map_or(0, |since| since.as_nanos() as u64);
         let header = Header {
+            target: target(),
             seed: self.seed,
             run_id: run_id(start_unix_ns),
             recipe: self.recipe.meaning.name.clone(),
@@ -155,8 +156,13 @@ impl RunJob {
             outcome.merged_min_count,
             dir.display()
         ));
-        Ok(exit(&outcome))
+        Ok(exit(&outcome.ending, outcome.merged_count, outcome.merged_min_count))
     }
+}
+
+/// What this program was built for.
+pub(super) fn target() -> String {
+    format!("{}-{}", std::env::consts::ARCH, std::env::consts::OS)
 }
 
 /// A name for a new run that no other run has: from the moment and the process.
@@ -173,9 +179,20 @@ pub(super) fn runtime() -> Result<tokio::runtime::Runtime, Failure> {
         .map_err(|error| Failure::Broken(format!("cannot start the event loop: {error}")))
 }
 
-fn exit(outcome: &Outcome) -> Exit {
-    match outcome.ending {
-        Ending::Finished if outcome.merged_count >= outcome.merged_min_count => Exit::Done,
+/// Reads what stands in the files of results: one line that readers of every format take.
+fn said(text: &str) -> Result<String, String> {
+    let text = text.trim();
+    let count = text.chars().count();
+    if count == 0 || count > SAID_CHARACTERS_MAX || text.chars().any(char::is_control) {
+        return Err(format!("give 1 to {SAID_CHARACTERS_MAX} characters in one line"));
+    }
+    Ok(text.to_owned())
+}
+
+/// What the ending means for the caller.
+pub(super) fn exit(ending: &Ending, merged_count: usize, merged_min_count: usize) -> Exit {
+    match ending {
+        Ending::Finished if merged_count >= merged_min_count => Exit::Done,
         Ending::Finished => Exit::Short,
         Ending::Aborted => Exit::Aborted,
         Ending::Faulted { .. } => Exit::Fault,
@@ -200,3 +217,5 @@ pub(super) fn resolve(address: &HostPort) -> Result<SocketAddr, Failure> {
         .and_then(|mut found| found.next())
         .ok_or_else(|| Failure::Usage(format!("{address} is not an address this machine can find")))
 }
+
+const SAID_CHARACTERS_MAX: usize = 200;

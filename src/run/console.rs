@@ -41,6 +41,10 @@ impl Console {
             (None, _) if is_worth_a_line(event) || important => line(&event.words()),
             (None, _) => {}
         }
+        if let Event::Faulted { fault } = event {
+            self.say(&format!("  Do: {}", fault.code.remedy()));
+            self.say(&format!("  Back: {}", fault.code.way_back().words()));
+        }
         if matches!(event, Event::Held) {
             self.say("HELD. r + Enter: resume   a + Enter: abort   Ctrl-C: abort");
         }
