@@ -10,6 +10,7 @@ mod exposures;
 mod faults;
 mod floors;
 mod provenance;
+mod reconstruct;
 mod register;
 mod robot;
 mod runs;

@@ -27,6 +27,7 @@ fn every_file_of_results_says_where_it_comes_from() {
         camera["serial"].is_string() && camera["calibration_id"].is_u64(),
         "{camera}"
     );
+    assert!(run["reconstructed_from"].is_null());
 
     let model = bench.read("out/model.ply");
     let text = String::from_utf8_lossy(&model[..2000]).into_owned();

@@ -6,6 +6,7 @@ mod dry_run;
 mod files;
 mod live_run;
 mod operator;
+mod reconstruct;
 mod register;
 mod replay;
 mod robot;
@@ -41,6 +42,11 @@ enum Command {
     /// Feed a recording to the same code and compare every output bit by bit.
     #[command(after_help = "Example:\n  bladescan replay runs/hpt-blade-a-20261121T120000Z/run.mcap")]
     Replay(replay::Args),
+    /// Register the views of a recording anew, under another recipe and without devices.
+    #[command(
+        after_help = "Example:\n  bladescan reconstruct --from runs/hpt-blade-a-20261121T120000Z/run.mcap --recipe config/recipes/hpt-blade-a.toml"
+    )]
+    Reconstruct(reconstruct::Args),
     /// Register one cloud to another.
     #[command(after_help = "Example:\n  bladescan register view_00.ply view_01.ply --json")]
     Register(register::Args),
@@ -72,6 +78,7 @@ pub fn main() -> ExitCode {
         Command::Run(args) => live_run::main(&args),
         Command::Check(args) => check::main(&args),
         Command::Replay(args) => replay::main(&args),
+        Command::Reconstruct(args) => reconstruct::main(&args),
         Command::Register(args) => register::main(&args),
         Command::Robot(args) => robot::main(&args),
         Command::Camera(args) => camera::main(&args),

@@ -10,9 +10,12 @@ mod exchanges;
 mod files;
 mod header;
 mod provenance;
+mod reconstruct;
 
 pub use backlog::{ViewOutcome, ViewRecord};
 pub use header::{Header, Simulation};
+pub use provenance::Source;
+pub use reconstruct::{Outside, Reconstructed, Reconstruction};
 
 use crate::camera::CameraOutput;
 use crate::event::{Ending, Event, HoldBy};

@@ -15,6 +15,16 @@ pub(super) struct Provenance {
     calibration_id: String,
     /// As they greeted, each once: one, unless somebody changed the camera or its calibration.
     cameras: Vec<CameraIdentity>,
+    reconstructed_from: Option<Source>,
+}
+
+/// The recording that views were registered anew from.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Source {
+    /// Name of the file, without its folder.
+    pub file: String,
+    /// Of all its bytes, hexadecimal.
+    pub sha256: String,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -30,6 +40,15 @@ impl Provenance {
             header,
             calibration_id: station.calibration_id.clone(),
             cameras: Vec::new(),
+            reconstructed_from: None,
+        }
+    }
+
+    /// The same of a result that was not measured but registered anew.
+    pub(super) fn reconstructed_from(header: Header, station: &Station, source: Source) -> Self {
+        Self {
+            reconstructed_from: Some(source),
+            ..Self::new(header, station)
         }
     }
 
@@ -70,6 +89,7 @@ impl Provenance {
             "seed": header.seed.0,
             "simulated": header.simulated,
             "bladescan": { "version": header.version, "target": header.target },
+            "reconstructed_from": self.reconstructed_from,
         })
     }
 
@@ -111,6 +131,9 @@ impl Provenance {
         }
         say("seed", &header.seed.0.to_string());
         say("bladescan", &format!("{} for {}", header.version, header.target));
+        if let Some(source) = &self.reconstructed_from {
+            say("reconstructed from", &named(&source.file, &source.sha256));
+        }
         comments
     }
 }

@@ -50,6 +50,14 @@ impl Console {
         }
     }
 
+    /// Says what begins: work on this many views.
+    pub fn begin(&self, text: &str, view_count: usize) {
+        self.say(text);
+        if let Some(bars) = &self.bars {
+            bars.run.set_length(view_count as u64);
+        }
+    }
+
     /// Says something to the person.
     pub fn say(&self, text: &str) {
         match &self.bars {

@@ -296,7 +296,7 @@ impl Shell<'_> {
     }
 }
 
-fn write_new(path: &Path, bytes: &[u8]) -> Result<(), LiveError> {
+pub(super) fn write_new(path: &Path, bytes: &[u8]) -> Result<(), LiveError> {
     let write = || {
         let mut file = OpenOptions::new().write(true).create_new(true).open(path)?;
         file.write_all(bytes)?;
