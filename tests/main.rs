@@ -9,6 +9,8 @@ mod conformance;
 mod exposures;
 mod faults;
 mod floors;
+mod provenance;
+mod reconstruct;
 mod register;
 mod resume;
 mod robot;

@@ -89,11 +89,7 @@ fn a_run_stopped_by_a_fault_goes_on_and_the_results_of_both_parts_are_kept() {
     assert_eq!(left["left"].as_array().unwrap().last(), Some(&2.into()), "{left}");
     bench.run(&["resume", "out"]).expect(
         0,
-        &[
-            "stopped by robot-alarm",
-            " left to take: ",
-            "check: the blade sits",
-        ],
+        &["stopped by robot-alarm", " left to take: ", "check: the blade sits"],
     );
     assert!(bench.results("out") == unbroken);
     assert!(bench.results("out/part-1") == before);

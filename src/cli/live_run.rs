@@ -18,10 +18,10 @@ use std::time::SystemTime;
 #[derive(Debug, Clone, clap::Args)]
 pub(super) struct Said {
     /// Serial number or name of the part.
-    #[arg(long)]
+    #[arg(long, value_name = "TEXT", value_parser = said)]
     part: Option<String>,
     /// Who runs it.
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", value_parser = said)]
     operator: Option<String>,
 }
 
@@ -102,6 +102,7 @@ impl RunJob {
             .duration_since(SystemTime::UNIX_EPOCH)
             .map_or(0, |since| since.as_nanos() as u64);
         let header = Header {
+            target: target(),
             seed: self.seed,
             run_id: run_id(start_unix_ns),
             recipe: self.recipe.meaning.name.clone(),
@@ -182,6 +183,11 @@ impl Carried<'_> {
     }
 }
 
+/// What this program was built for.
+pub(super) fn target() -> String {
+    format!("{}-{}", std::env::consts::ARCH, std::env::consts::OS)
+}
+
 /// A name for a new run that no other run has: from the moment and the process.
 fn run_id(start_unix_ns: u64) -> u64 {
     let digest = sha256(format!("{start_unix_ns} {}", std::process::id()).as_bytes());
@@ -194,6 +200,16 @@ pub(super) fn runtime() -> Result<tokio::runtime::Runtime, Failure> {
         .enable_all()
         .build()
         .map_err(|error| Failure::Broken(format!("cannot start the event loop: {error}")))
+}
+
+/// Reads what stands in the files of results: one line that readers of every format take.
+fn said(text: &str) -> Result<String, String> {
+    let text = text.trim();
+    let count = text.chars().count();
+    if count == 0 || count > SAID_CHARACTERS_MAX || text.chars().any(char::is_control) {
+        return Err(format!("give 1 to {SAID_CHARACTERS_MAX} characters in one line"));
+    }
+    Ok(text.to_owned())
 }
 
 /// What the ending means for the caller.
@@ -235,3 +251,5 @@ pub(super) fn resolve(address: &HostPort) -> Result<SocketAddr, Failure> {
         .and_then(|mut found| found.next())
         .ok_or_else(|| Failure::Usage(format!("{address} is not an address this machine can find")))
 }
+
+const SAID_CHARACTERS_MAX: usize = 200;

@@ -7,6 +7,7 @@ mod dry_run;
 mod files;
 mod live_run;
 mod operator;
+mod reconstruct;
 mod recover;
 mod register;
 mod replay;
@@ -50,6 +51,11 @@ enum Command {
     /// Feed a recording to the same code and compare every output bit by bit.
     #[command(after_help = "Example:\n  bladescan replay runs/hpt-blade-a-20261121T120000Z/run.mcap")]
     Replay(replay::Args),
+    /// Register the views of a recording anew, under another recipe and without devices.
+    #[command(
+        after_help = "Example:\n  bladescan reconstruct --from runs/hpt-blade-a-20261121T120000Z/run.mcap --recipe config/recipes/hpt-blade-a.toml"
+    )]
+    Reconstruct(reconstruct::Args),
     /// Register one cloud to another.
     #[command(after_help = "Example:\n  bladescan register view_00.ply view_01.ply --json")]
     Register(register::Args),
@@ -83,6 +89,7 @@ pub fn main() -> ExitCode {
         Command::Recover(args) => recover::main(&args),
         Command::Check(args) => check::main(&args),
         Command::Replay(args) => replay::main(&args),
+        Command::Reconstruct(args) => reconstruct::main(&args),
         Command::Register(args) => register::main(&args),
         Command::Robot(args) => robot::main(&args),
         Command::Camera(args) => camera::main(&args),

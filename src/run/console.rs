@@ -58,6 +58,10 @@ impl Console {
             (None, _) if is_worth_a_line(event) || important => line(&event.words()),
             (None, _) => {}
         }
+        if let Event::Faulted { fault } = event {
+            self.say(&format!("  Do: {}", fault.code.remedy()));
+            self.say(&format!("  Back: {}", fault.code.way_back().words()));
+        }
         if matches!(event, Event::Held) {
             self.say("HELD. With Enter, r: resume   s: one view, then held again   a: abort   Ctrl-C: abort");
         }
@@ -67,6 +71,14 @@ impl Console {
     pub fn show_past(&mut self, output: &Output) {
         if let (Some(bars), Output::Event(event)) = (&self.bars, output) {
             bars.show_past(event);
+        }
+    }
+
+    /// Says what begins: work on this many views.
+    pub fn begin(&self, text: &str, view_count: usize) {
+        self.say(text);
+        if let Some(bars) = &self.bars {
+            bars.run.set_length(view_count as u64);
         }
     }
 

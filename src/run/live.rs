@@ -6,7 +6,9 @@ use super::datagrams::DATAGRAM_BYTES;
 use super::journal_file::{JournalError, JournalFile};
 use super::journalled::Journalled;
 use super::pool::Pool;
+use super::recording_file::FileError;
 use super::robot_wire::RobotWire;
+use super::run_dir;
 use super::wires::{self, Place};
 use crate::camera::CameraOutput;
 use crate::controller::{Command, Controller, Input, Output};
@@ -15,8 +17,7 @@ use crate::job::FinishedJob;
 use crate::robot::RobotOutput;
 use crate::stamp::Stamp;
 use std::collections::BTreeMap;
-use std::fs::OpenOptions;
-use std::io::{self, Write as _};
+use std::io;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -115,13 +116,8 @@ pub enum LiveError {
     #[error("cannot open a socket: {0}")]
     Socket(io::Error),
     /// A file of the run.
-    #[error("cannot write {path}: {source}")]
-    File {
-        /// Which file.
-        path: PathBuf,
-        /// The system's words.
-        source: io::Error,
-    },
+    #[error("cannot write {0}")]
+    File(FileError),
     /// The recording, at its end.
     #[error(transparent)]
     Journal(#[from] JournalError),
@@ -314,16 +310,8 @@ impl Shell<'_> {
     }
 }
 
-fn write_new(path: &Path, bytes: &[u8]) -> Result<(), LiveError> {
-    let write = || {
-        let mut file = OpenOptions::new().write(true).create_new(true).open(path)?;
-        file.write_all(bytes)?;
-        file.sync_all()
-    };
-    write().map_err(|source| LiveError::File {
-        path: path.to_owned(),
-        source,
-    })
+pub(super) fn write_new(path: &Path, bytes: &[u8]) -> Result<(), LiveError> {
+    run_dir::write_new(path, bytes).map_err(LiveError::File)
 }
 
 const NEWS_MAX: usize = 32;
