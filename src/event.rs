@@ -57,6 +57,8 @@ pub enum Event {
         #[serde(with = "rows")]
         base_from_tool: Isometry3<f64>,
     },
+    /// The frame is on the disk: the view counts as taken.
+    FrameKept { view_index: usize, attempt: u16 },
     /// An acquisition gave no usable frame.
     FrameFailed {
         view_index: usize,
@@ -85,6 +87,8 @@ pub enum Event {
     },
     /// No usable frame came of a view.
     ViewMissing { view_index: usize, reason: String },
+    /// The arm will be held when this view has been taken or given up.
+    HoldDeferred { view_index: usize },
     /// The arm is being held.
     HoldAsked { by: HoldBy },
     /// The hold is confirmed and the arm stands.
@@ -269,6 +273,7 @@ impl Event {
                 valid_count,
                 ..
             } => format!("{}: frame with {valid_count} points", named(*view_index, *attempt)),
+            Self::FrameKept { view_index, attempt } => format!("{}: frame kept", named(*view_index, *attempt)),
             Self::FrameFailed {
                 view_index,
                 attempt,
@@ -301,6 +306,7 @@ impl Event {
             ),
             Self::ViewDiscarded { view_index, reason, .. } => format!("view {view_index}: discarded, {reason}"),
             Self::ViewMissing { view_index, reason } => format!("view {view_index}: missing, {reason}"),
+            Self::HoldDeferred { view_index } => format!("the arm will be held after view {view_index}"),
             Self::HoldAsked { by } => match by {
                 HoldBy::Operator => "holding the arm, as the operator asked".into(),
                 HoldBy::Robot => "held at the robot: release it there, then resume".into(),

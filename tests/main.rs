@@ -12,6 +12,7 @@ mod floors;
 mod provenance;
 mod reconstruct;
 mod register;
+mod resume;
 mod robot;
 mod runs;
 mod settings;

@@ -161,6 +161,7 @@ impl Backlog {
         let place = self.jobs.iter().position(|(open, _)| *open == job_id)?;
         let (_, view_index) = self.jobs.remove(place);
         self.views[view_index].times.extend(done.times);
+        let mut panicked = None;
         match done.output {
             JobOutput::Prepared { cloud, removed } => {
                 self.views[view_index].point_count = cloud.len();
@@ -186,21 +187,12 @@ impl Backlog {
             }
             JobOutput::Compared { .. } => unreachable!("no job of the backlog compares"),
             JobOutput::Panicked { text } => {
-                for waiting in self.waiting.drain(..) {
-                    self.views[waiting.view_index].outcome = ViewOutcome::Missing {
-                        reason: "its frame was not registered: a job panicked before".into(),
-                    };
-                }
-                self.jobs.clear();
-                self.registering = false;
-                self.views[view_index].outcome = ViewOutcome::Discarded {
-                    reason: format!("a job panicked: {text}"),
-                };
-                return Some(text);
+                self.give_up_panicked(view_index, &text);
+                panicked = Some(text);
             }
         }
         self.register_next();
-        None
+        panicked
     }
 
     /// A number that no other job has.
@@ -239,6 +231,26 @@ impl Backlog {
 
     pub(super) fn poll_output(&mut self) -> Option<Output> {
         self.outputs.pop_front()
+    }
+
+    /// A job is pure, so its panic leaves nothing behind: only its own view is lost, the others are registered.
+    fn give_up_panicked(&mut self, view_index: usize, text: &str) {
+        if self.registering
+            && self
+                .waiting
+                .front()
+                .is_some_and(|waiting| waiting.view_index == view_index)
+        {
+            self.registering = false;
+        }
+        self.waiting.retain(|waiting| waiting.view_index != view_index);
+        let reason = format!("a job panicked: {text}");
+        self.views[view_index].outcome = ViewOutcome::Discarded { reason: reason.clone() };
+        self.outputs.push_back(Output::Event(Event::ViewDiscarded {
+            view_index,
+            figures: ViewFigures::default(),
+            reason,
+        }));
     }
 
     /// Starts the registration of the front view once it is prepared: one at a time, in index order.

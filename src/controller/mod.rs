@@ -17,15 +17,17 @@ pub use header::{Header, Simulation};
 pub use provenance::Source;
 pub use reconstruct::{Outside, Reconstructed, Reconstruction};
 
+pub use crate::session::Command;
+
 use crate::camera::CameraOutput;
-use crate::event::{Ending, Event, HoldBy};
+use crate::event::{Ending, Event};
 use crate::fault::{Fault, FaultCode};
 use crate::geometry::PointCloud;
 use crate::job::{FinishedJob, Job};
 use crate::plan::Plan;
 use crate::reconstruction::Model;
 use crate::robot::RobotOutput;
-use crate::session::{Session, SessionEvent};
+use crate::session::{Session, SessionEvent, State};
 use crate::settings::{Recipe, Station};
 use crate::stamp::Stamp;
 use backlog::Backlog;
@@ -36,20 +38,6 @@ use provenance::Provenance;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::sync::Arc;
-
-/// What the operator wants.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Command {
-    /// Stop the arm.
-    Hold,
-    /// Go on after a hold.
-    Resume,
-    /// End the run.
-    Abort,
-    /// The stop key (Ctrl-C): hold; if the arm is held already, end the run.
-    Stop,
-}
 
 /// Everything that can happen to a run.
 #[derive(Debug, Clone)]
@@ -95,11 +83,33 @@ pub enum Input {
         /// Its version of bladescan.
         version: String,
     },
+    /// Everything recorded before [`Output::Sync`] is on the disk.
+    Synced {
+        /// Which view's frame is kept by that.
+        view_index: usize,
+        /// Which attempt at it.
+        attempt: u16,
+    },
+    /// Bytes that were put out for a device waited for the journal and will never leave.
+    Withheld {
+        /// For which.
+        device: Device,
+    },
     /// The journal cannot be written any more.
     JournalFailed {
         /// The system's words.
         reason: String,
     },
+}
+
+/// One of the two devices of a cell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Device {
+    /// The robot.
+    Robot,
+    /// The camera.
+    Camera,
 }
 
 /// Everything that a run wants done.
@@ -115,6 +125,13 @@ pub enum Output {
         job_id: u32,
         /// What to do.
         job: Arc<Job>,
+    },
+    /// A frame has come: put everything recorded so far on the disk, then hand [`Input::Synced`] back.
+    Sync {
+        /// Which view's frame.
+        view_index: usize,
+        /// Which attempt at it.
+        attempt: u16,
     },
     /// Something happened.
     Event(Event),
@@ -154,6 +171,9 @@ pub struct Controller {
     check: GripCheck,
     begun: bool,
     over: bool,
+    /// Frames that have come and are not on the disk yet: view and attempt.
+    unkept: VecDeque<(usize, u16)>,
+    journal_failed: bool,
     outputs: VecDeque<Output>,
 }
 
@@ -169,6 +189,8 @@ impl Controller {
             plan,
             begun: false,
             over: false,
+            unkept: VecDeque::new(),
+            journal_failed: false,
             outputs: VecDeque::new(),
         }
     }
@@ -198,11 +220,18 @@ impl Controller {
                     self.session.fault(now, Fault::new(FaultCode::JobPanicked, text));
                 }
             }
-            Input::JournalFailed { reason } => self.session.fault(now, Fault::new(FaultCode::Journal, reason)),
+            Input::Synced { view_index, attempt } => self.handle_synced((view_index, attempt)),
+            Input::Withheld { device } => self.handle_withheld(device),
+            Input::JournalFailed { reason } => {
+                self.journal_failed = true;
+                // Nothing will be kept any more.
+                self.unkept.clear();
+                self.session.fault(now, Fault::new(FaultCode::Journal, reason));
+            }
         }
         self.proceed(now);
         self.note_outputs(now, queued_count);
-        if self.session.is_over() && self.backlog.is_idle() {
+        if self.session.is_over() && self.backlog.is_idle() && self.unkept.is_empty() {
             self.conclude(now);
         }
     }
@@ -228,9 +257,19 @@ impl Controller {
         self.session.ending()
     }
 
+    /// Where the acquisition stands.
+    pub fn state(&self) -> State {
+        self.session.state()
+    }
+
     /// What became of each planned view so far.
     pub fn views(&self) -> &[ViewRecord] {
         self.backlog.views()
+    }
+
+    /// The views that are still to be taken, in the order in which they will be.
+    pub fn left(&self) -> Vec<usize> {
+        self.session.left()
     }
 
     /// How many views must be merged for the run to count as done.
@@ -255,12 +294,18 @@ impl Controller {
     fn restart(&mut self, now: Stamp, version: String) {
         self.over = false;
         self.begun = true;
+        self.journal_failed = false;
+        // Their records have just been read.
+        for (view_index, attempt) in self.unkept.drain(..) {
+            self.outputs
+                .push_back(Output::Event(Event::FrameKept { view_index, attempt }));
+        }
         let checked_view = self.check.restart();
         self.session.restart(checked_view);
         self.outputs.push_back(Output::Event(Event::Restarted {
             version,
             taken_count: self.backlog.taken_count(),
-            left_count: self.session.left_count(),
+            left_count: self.session.left().len(),
         }));
         self.session.begin(now);
     }
@@ -298,25 +343,37 @@ impl Controller {
     }
 
     fn handle_command(&mut self, now: Stamp, command: Command) {
-        match command {
-            Command::Hold => self.session.hold(now, HoldBy::Operator),
-            Command::Resume => self.session.resume(now),
-            Command::Abort => self.session.abort(now),
-            Command::Stop if self.session.is_held() => self.session.abort(now),
-            Command::Stop => self.session.hold(now, HoldBy::Operator),
-        }
+        self.session.obey(now, command);
         self.session.handle_wake(now);
+    }
+
+    /// A frame is on the disk: from now on its view counts as taken.
+    fn handle_synced(&mut self, synced: (usize, u16)) {
+        if let Some(place) = self.unkept.iter().position(|frame| *frame == synced) {
+            self.unkept.remove(place);
+            let (view_index, attempt) = synced;
+            self.outputs
+                .push_back(Output::Event(Event::FrameKept { view_index, attempt }));
+        }
+    }
+
+    fn handle_withheld(&mut self, device: Device) {
+        let device = match device {
+            Device::Robot => "robot",
+            Device::Camera => "camera",
+        };
+        let text = format!("what waited for the recording was not sent to the {device}");
+        self.outputs.push_back(Output::Event(Event::Noted { text }));
     }
 
     /// Carries everything as far as it goes without another input.
     fn proceed(&mut self, now: Stamp) {
         loop {
-            self.session.advance(now, self.backlog.waiting_count());
+            let waiting_count = self.backlog.waiting_count().max(self.unkept.len());
+            self.session.advance(now, waiting_count);
             let mut moved = self.take_session_outputs(now);
-            if self.session.is_acquired() && self.session.ending().is_none() && self.begun {
-                self.session.finish(now);
-                self.session.handle_wake(now);
-                moved = true;
+            if self.begun && self.session.is_acquired() && self.unkept.is_empty() {
+                moved |= self.finish(now);
             }
             moved |= self.take_backlog_outputs();
             moved |= self.check_on();
@@ -334,6 +391,16 @@ impl Controller {
             }
             self.evidence.note_output(now, output);
         }
+    }
+
+    /// Ends the run once every view is taken; a hold is seen through first.
+    fn finish(&mut self, now: Stamp) -> bool {
+        if matches!(self.session.state(), State::Holding | State::Ending | State::Over) {
+            return false;
+        }
+        self.session.finish(now);
+        self.session.handle_wake(now);
+        true
     }
 
     fn take_session_outputs(&mut self, now: Stamp) -> bool {
@@ -356,6 +423,7 @@ impl Controller {
                 SessionEvent::Captured(view) => {
                     captured = true;
                     self.check.remember(&view);
+                    self.keep(view.view_index, view.attempt);
                     self.backlog.add(now, view);
                 }
                 SessionEvent::Missing { view_index, reason } => {
@@ -366,6 +434,13 @@ impl Controller {
             }
         }
         captured || self.outputs.len() > before
+    }
+
+    fn keep(&mut self, view_index: usize, attempt: u16) {
+        if !self.journal_failed {
+            self.unkept.push_back((view_index, attempt));
+            self.outputs.push_back(Output::Sync { view_index, attempt });
+        }
     }
 
     fn take_backlog_outputs(&mut self) -> bool {

@@ -2,7 +2,7 @@
 
 use super::{Record, Topic, viewer};
 use crate::camera::CameraOutput;
-use crate::controller::{Command, Input, Output};
+use crate::controller::{Command, Device, Input, Output};
 use crate::job::{StageTime, sha256};
 use crate::robot::RobotOutput;
 use crate::stamp::Stamp;
@@ -51,6 +51,13 @@ enum Written {
     Restarted {
         version: String,
     },
+    Synced {
+        view_index: usize,
+        attempt: u16,
+    },
+    Withheld {
+        device: Device,
+    },
     JournalFailed {
         reason: String,
     },
@@ -84,6 +91,11 @@ fn written(input: &Input) -> Written {
         Input::Restarted { version } => Written::Restarted {
             version: version.clone(),
         },
+        Input::Synced { view_index, attempt } => Written::Synced {
+            view_index: *view_index,
+            attempt: *attempt,
+        },
+        Input::Withheld { device } => Written::Withheld { device: *device },
         Input::JournalFailed { reason } => Written::JournalFailed { reason: reason.clone() },
         Input::RobotBytes(_) | Input::CameraBytes(_) => unreachable!("bytes have topics of their own"),
     }
@@ -105,6 +117,8 @@ pub fn read_input(record: &Record) -> Option<InputMemo> {
             Written::CameraClosed { reason } => Input::CameraClosed { reason },
             Written::Operator { command } => Input::Operator(command),
             Written::Restarted { version } => Input::Restarted { version },
+            Written::Synced { view_index, attempt } => Input::Synced { view_index, attempt },
+            Written::Withheld { device } => Input::Withheld { device },
             Written::JournalFailed { reason } => Input::JournalFailed { reason },
             Written::JobDone { job_id, times, .. } => return Some(InputMemo::JobDone { job_id, times }),
         },
@@ -130,6 +144,11 @@ pub fn output_records(stamp: Stamp, output: &Output, start_unix_ns: u64) -> Vec<
             "job_id": job_id,
             "name": job.name(),
             "view_index": job.view_index(),
+        }))],
+        Output::Sync { view_index, attempt } => vec![output_record(json!({
+            "output": "sync",
+            "view_index": view_index,
+            "attempt": attempt,
         }))],
         Output::Event(event) => vec![
             record(Topic::Event, json_bytes(event)),
@@ -187,6 +206,11 @@ mod tests {
             Input::CameraClosed { reason: "end".into() },
             Input::Operator(Command::Hold),
             Input::Restarted { version: "2".into() },
+            Input::Synced {
+                view_index: 3,
+                attempt: 1,
+            },
+            Input::Withheld { device: Device::Robot },
             Input::JournalFailed { reason: "full".into() },
         ];
         for input in inputs {

@@ -1,11 +1,13 @@
 //! Reading a recording back.
 
-use super::{RECIPE_ATTACHMENT, RUN_METADATA, Record, STATION_ATTACHMENT, Topic};
+use super::{RECIPE_ATTACHMENT, RUN_METADATA, Record, STATION_ATTACHMENT, Topic, Writer};
 use crate::controller::Header;
 use crate::stamp::Stamp;
-use mcap::McapError;
-use mcap::MessageStream;
 use mcap::read::{LinearReader, Options};
+use mcap::records::{Metadata, Record as RawRecord};
+use mcap::{Attachment, McapError, MessageStream};
+use std::borrow::Cow;
+use std::io::{Seek, Write};
 use thiserror::Error;
 
 /// A recording in memory.
@@ -38,10 +40,8 @@ impl<'a> Recording<'a> {
         let (mut run, mut recipe_text, mut station_text) = (None, None, None);
         for record in LinearReader::new_with_options(bytes, Options::IgnoreEndMagic.into())? {
             match record {
-                Ok(mcap::records::Record::Metadata(metadata)) if metadata.name == RUN_METADATA => {
-                    run = Some(metadata.metadata)
-                }
-                Ok(mcap::records::Record::Attachment { header, data, .. }) => {
+                Ok(RawRecord::Metadata(metadata)) if metadata.name == RUN_METADATA => run = Some(metadata.metadata),
+                Ok(RawRecord::Attachment { header, data, .. }) => {
                     let text = Some(String::from_utf8_lossy(&data).into_owned());
                     match header.name.as_str() {
                         RECIPE_ATTACHMENT => recipe_text = text,
@@ -94,12 +94,58 @@ impl<'a> Recording<'a> {
         self.bytes.ends_with(mcap::MAGIC)
     }
 
+    /// A recording that begins with everything that is whole in this one, and `more`, and can go on.
+    pub fn copied<W: Write + Seek>(&self, out: W, more: &[Record]) -> Result<Writer<W>, ReadError> {
+        let mut writer = Writer::begin(
+            out,
+            &self.header,
+            self.start_unix_ns,
+            &self.recipe_text,
+            &self.station_text,
+        )?;
+        let (metadata, attachments) = self.extras()?;
+        writer.keep(&metadata, &attachments)?;
+        for record in self.whole_records()? {
+            writer.write(&record?)?;
+        }
+        for record in more {
+            writer.write(record)?;
+        }
+        writer.flush()?;
+        Ok(writer)
+    }
+
     /// The records in the order in which they were written. Of a recording without its end those before the first that is
     /// not whole; in one with its end such a record is damage, and an error.
     pub fn whole_records(&self) -> Result<impl Iterator<Item = Result<Record, ReadError>> + use<'a>, ReadError> {
         let is_closed = self.is_closed();
         let is_kept = move |record: &Result<Record, ReadError>| is_closed || !matches!(record, Err(ReadError::Mcap(_)));
         Ok(self.records()?.take_while(is_kept))
+    }
+
+    /// Metadata and attachments that others have put in.
+    pub(super) fn extras(&self) -> Result<(Vec<Metadata>, Vec<Attachment<'static>>), ReadError> {
+        let (mut metadata, mut attachments) = (Vec::new(), Vec::new());
+        for record in LinearReader::new_with_options(self.bytes, Options::IgnoreEndMagic.into())? {
+            match record {
+                Ok(RawRecord::Metadata(found)) if found.name != RUN_METADATA => metadata.push(found),
+                Ok(RawRecord::Attachment { header, data, .. })
+                    if header.name != RECIPE_ATTACHMENT && header.name != STATION_ATTACHMENT =>
+                {
+                    attachments.push(Attachment {
+                        log_time: header.log_time,
+                        create_time: header.create_time,
+                        name: header.name,
+                        media_type: header.media_type,
+                        data: Cow::Owned(data.into_owned()),
+                    });
+                }
+                Ok(_) => {}
+                // A killed process leaves the last record torn.
+                Err(_) => break,
+            }
+        }
+        Ok((metadata, attachments))
     }
 
     /// The records in the order in which they were written.
@@ -180,6 +226,32 @@ mod tests {
             .into_inner();
         assert_eq!(read(&packed), records());
         assert!(mcap::Summary::read(&packed).unwrap().unwrap().stats.is_some());
+    }
+
+    #[test]
+    fn packing_keeps_what_others_have_attached() {
+        let mut writer = Writer::begin(Cursor::new(Vec::new()), &header(), 1_000, "recipe", "station").unwrap();
+        let note = Metadata {
+            name: "note".into(),
+            metadata: [("by".to_owned(), "somebody".to_owned())].into(),
+        };
+        let picture = Attachment {
+            log_time: 5,
+            create_time: 6,
+            name: "picture.png".into(),
+            media_type: "image/png".into(),
+            data: Cow::Borrowed(&[1, 2, 3]),
+        };
+        writer
+            .keep(std::slice::from_ref(&note), std::slice::from_ref(&picture))
+            .unwrap();
+        let plain = writer.finish().unwrap().into_inner();
+        let packed = pack(&Recording::open(&plain).unwrap(), Cursor::new(Vec::new()))
+            .unwrap()
+            .into_inner();
+        let recording = Recording::open(&packed).unwrap();
+        assert_eq!(recording.header(), &header());
+        assert_eq!(recording.extras().unwrap(), (vec![note], vec![picture]));
     }
 
     #[test]

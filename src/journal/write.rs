@@ -16,6 +16,8 @@ pub struct Writer<W: Write + Seek> {
     channel_ids: Vec<u16>,
     start_unix_ns: u64,
     sequence: u32,
+    record_count: u64,
+    flushed_count: u64,
 }
 
 impl<W: Write + Seek> Writer<W> {
@@ -72,6 +74,8 @@ impl<W: Write + Seek> Writer<W> {
             channel_ids,
             start_unix_ns,
             sequence: 0,
+            record_count: 0,
+            flushed_count: 0,
         })
     }
 
@@ -89,12 +93,37 @@ impl<W: Write + Seek> Writer<W> {
             publish_time: log_time,
         };
         self.sequence = self.sequence.wrapping_add(1);
-        self.mcap.write_to_known_channel(&header, &record.payload)
+        self.mcap.write_to_known_channel(&header, &record.payload)?;
+        self.record_count += 1;
+        Ok(())
     }
 
     /// Hands everything written so far to the operating system.
     pub fn flush(&mut self) -> Result<(), McapError> {
-        self.mcap.flush()
+        self.mcap.flush()?;
+        self.flushed_count = self.record_count;
+        Ok(())
+    }
+
+    /// How many records have been handed to the operating system.
+    pub fn flushed_count(&self) -> u64 {
+        self.flushed_count
+    }
+
+    /// Leaves the recording as it is, without an end: what a writer that has failed still holds is not written.
+    pub fn abandon(self) -> W {
+        self.mcap.into_inner()
+    }
+
+    /// Writes metadata and attachments of others as they are.
+    pub(super) fn keep(&mut self, metadata: &[Metadata], attachments: &[Attachment<'_>]) -> Result<(), McapError> {
+        for some in metadata {
+            self.mcap.write_metadata(some)?;
+        }
+        for some in attachments {
+            self.mcap.attach(some)?;
+        }
+        Ok(())
     }
 
     /// Ends the recording and hands the underlying writer back.
@@ -118,7 +147,9 @@ pub fn pack<W: Write + Seek>(recording: &Recording<'_>, out: W) -> Result<W, Rea
         recording.recipe_text(),
         recording.station_text(),
     )?;
-    for record in recording.records()? {
+    let (metadata, attachments) = recording.extras()?;
+    writer.keep(&metadata, &attachments)?;
+    for record in recording.whole_records()? {
         writer.write(&record?)?;
     }
     Ok(writer.finish()?)

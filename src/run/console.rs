@@ -1,5 +1,6 @@
 //! Progress for the person at the terminal: bars where there is one, plain lines elsewhere.
 
+use crate::controller::Output;
 use crate::event::{Ending, Event};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use std::io::{IsTerminal as _, Write as _};
@@ -9,6 +10,22 @@ use std::time::Duration;
 pub struct Console {
     bars: Option<Bars>,
     quiet: bool,
+}
+
+/// Says something to the person, from any thread.
+#[derive(Clone)]
+pub struct Voice(Option<MultiProgress>);
+
+impl Voice {
+    /// Says it.
+    pub fn say(&self, text: &str) {
+        match &self.0 {
+            Some(bars) => {
+                bars.println(text).ok();
+            }
+            None => line(text),
+        }
+    }
 }
 
 struct Bars {
@@ -46,7 +63,14 @@ impl Console {
             self.say(&format!("  Back: {}", fault.code.way_back().words()));
         }
         if matches!(event, Event::Held) {
-            self.say("HELD. r + Enter: resume   a + Enter: abort   Ctrl-C: abort");
+            self.say("HELD. With Enter, r: resume   s: one view, then held again   a: abort   Ctrl-C: abort");
+        }
+    }
+
+    /// Shows on the bar, without a word, what happened before the run goes on.
+    pub fn show_past(&mut self, output: &Output) {
+        if let (Some(bars), Output::Event(event)) = (&self.bars, output) {
+            bars.show_past(event);
         }
     }
 
@@ -60,12 +84,12 @@ impl Console {
 
     /// Says something to the person.
     pub fn say(&self, text: &str) {
-        match &self.bars {
-            Some(bars) => {
-                bars.all.println(text).ok();
-            }
-            None => line(text),
-        }
+        self.voice().say(text);
+    }
+
+    /// A voice for another thread, which does not tear the bars.
+    pub fn voice(&self) -> Voice {
+        Voice(self.bars.as_ref().map(|bars| bars.all.clone()))
     }
 
     /// Takes the bars away.
@@ -118,6 +142,17 @@ impl Bars {
         }
     }
 
+    fn show_past(&self, event: &Event) {
+        match event {
+            Event::Started { view_count, .. } => {
+                self.run.set_length(*view_count as u64);
+                self.run.set_message("going through the recording");
+            }
+            Event::ViewMerged { .. } | Event::ViewDiscarded { .. } | Event::ViewMissing { .. } => self.run.inc(1),
+            _ => {}
+        }
+    }
+
     fn step(&self, done: u64, event: &Event) {
         self.view.set_position(done);
         self.view.set_message(event.words());
@@ -141,9 +176,12 @@ fn is_worth_a_line(event: &Event) -> bool {
         | Event::ViewMerged { .. }
         | Event::ViewDiscarded { .. }
         | Event::ViewMissing { .. }
+        | Event::HoldDeferred { .. }
         | Event::HoldAsked { .. }
         | Event::Held
         | Event::Resumed
+        | Event::Restarted { .. }
+        | Event::GripChecked { .. }
         | Event::AbortAsked
         | Event::Faulted { .. }
         | Event::Noted { .. } => true,

@@ -4,15 +4,17 @@ use super::clock::Clock;
 use super::console::Console;
 use super::datagrams::DATAGRAM_BYTES;
 use super::journal_file::{JournalError, JournalFile};
+use super::journalled::Journalled;
 use super::pool::Pool;
 use super::robot_wire::RobotWire;
 use super::wires::{self, Place};
 use crate::camera::CameraOutput;
 use crate::controller::{Command, Controller, Input, Output};
 use crate::event::Ending;
-use crate::journal::{Record, input_record, output_records};
+use crate::job::FinishedJob;
 use crate::robot::RobotOutput;
 use crate::stamp::Stamp;
+use std::collections::BTreeMap;
 use std::fs::OpenOptions;
 use std::io::{self, Write as _};
 use std::net::SocketAddr;
@@ -59,10 +61,34 @@ pub struct Live<'a> {
     pub pool: &'a Pool,
     /// The operator's words.
     pub commands: mpsc::Receiver<Command>,
+    /// What happens first, and when.
+    pub beginning: Beginning,
     /// Where progress is shown.
     pub console: &'a mut Console,
     /// The run's folder.
     pub dir: &'a Path,
+}
+
+/// How a run begins, or goes on.
+#[derive(Debug)]
+pub struct Beginning {
+    /// The first input.
+    pub input: Input,
+    /// When that is.
+    pub at: Stamp,
+    /// Jobs that have ended and were not handed back yet.
+    pub done: BTreeMap<u32, FinishedJob>,
+}
+
+impl Default for Beginning {
+    /// A new run.
+    fn default() -> Self {
+        Self {
+            input: Input::Begin,
+            at: Stamp::START,
+            done: BTreeMap::new(),
+        }
+    }
 }
 
 /// How it went.
@@ -129,95 +155,111 @@ pub async fn run(live: Live<'_>) -> Result<Outcome, LiveError> {
     let (news, stream_news) = mpsc::channel(NEWS_MAX);
     let (robot, _guard) = RobotWire::open(&live.links.robot, &news)?;
     let (finished, finished_jobs) = mpsc::unbounded_channel();
+    let Live {
+        controller,
+        journal,
+        start_unix_ns,
+        links,
+        pool,
+        commands,
+        beginning,
+        console,
+        dir,
+    } = live;
     let shell = Shell {
-        clock: Clock::start(),
+        clock: Clock::start_at(beginning.at),
+        journalled: Journalled::new(controller, journal, start_unix_ns),
         robot,
         camera: CameraWire::default(),
+        camera_address: links.camera,
         news,
         finished,
-        journal_failed: false,
+        pool,
+        console,
+        dir,
         summary: Vec::new(),
         file_error: None,
-        live,
     };
-    shell.run(stream_news, finished_jobs).await
+    for (job_id, done) in beginning.done {
+        shell.finished.send(Input::JobDone { job_id, done }).ok();
+    }
+    shell.run(beginning.input, commands, stream_news, finished_jobs).await
 }
 
 struct Shell<'a> {
-    live: Live<'a>,
     clock: Clock,
+    journalled: Journalled<JournalFile>,
     robot: RobotWire,
     camera: CameraWire,
+    camera_address: SocketAddr,
     news: mpsc::Sender<Input>,
     /// At most a handful of jobs are ever open, so this queue is bounded by the controller.
     finished: mpsc::UnboundedSender<Input>,
-    journal_failed: bool,
+    pool: &'a Pool,
+    console: &'a mut Console,
+    dir: &'a Path,
     summary: Vec<u8>,
     file_error: Option<LiveError>,
+}
+
+/// What the loop waits for.
+enum News {
+    Input(Input),
+    /// It is time.
+    Wake,
+    /// The journal has come further.
+    Journal,
 }
 
 impl Shell<'_> {
     async fn run(
         mut self,
+        first: Input,
+        mut commands: mpsc::Receiver<Command>,
         mut stream_news: mpsc::Receiver<Input>,
         mut finished_jobs: mpsc::UnboundedReceiver<Input>,
     ) -> Result<Outcome, LiveError> {
-        self.handle(Input::Begin).await;
+        let mut journal_news = self.journalled.journal().news();
+        self.handle(News::Input(first)).await;
         let mut datagram = vec![0u8; DATAGRAM_BYTES];
-        while !self.live.controller.is_over() {
-            let wake = self.live.controller.wake_at();
-            let input = tokio::select! {
+        while !self.journalled.controller().is_over() {
+            let wake = self.journalled.wake_at();
+            let news = tokio::select! {
                 biased;
-                Some(command) = self.live.commands.recv() => Input::Operator(command),
-                input = self.robot.recv(&mut datagram) => input,
-                () = self.clock.sleep_until(wake) => Input::Wake,
-                Some(input) = finished_jobs.recv() => input,
-                Some(input) = stream_news.recv() => input,
-                Some(input) = self.camera.recv() => input,
+                Some(command) = commands.recv() => News::Input(Input::Operator(command)),
+                () = journal_news.recv(), if self.journalled.is_waiting() => News::Journal,
+                input = self.robot.recv(&mut datagram) => News::Input(input),
+                () = self.clock.sleep_until(wake) => News::Wake,
+                Some(input) = finished_jobs.recv() => News::Input(input),
+                Some(input) = stream_news.recv() => News::Input(input),
+                Some(input) = self.camera.recv() => News::Input(input),
             };
-            self.handle(input).await;
+            self.handle(news).await;
         }
         self.conclude()
     }
 
-    /// One input: recorded, handled, and everything that follows from it done.
-    async fn handle(&mut self, input: Input) {
+    /// One piece of news, and everything that follows from it done.
+    async fn handle(&mut self, news: News) {
         let now = self.clock.now();
-        self.record(now, input_record(now, &input));
-        self.live.controller.handle_input(now, input);
-        while let Some(output) = self.live.controller.poll_output() {
-            for record in output_records(now, &output, self.live.start_unix_ns) {
-                self.record(now, record);
-            }
-            self.carry_out(now, output).await;
+        match news {
+            News::Input(input) => self.journalled.handle_input(now, input),
+            News::Wake => self.journalled.handle_wake(now),
+            News::Journal => self.journalled.handle_progress(now),
+        }
+        while let Some(output) = self.journalled.poll_output() {
+            self.carry_out(output).await;
         }
     }
 
-    /// After the first failure nothing more is recorded: a recording has an end, never a gap.
-    fn record(&mut self, now: Stamp, record: Record) {
-        if !self.journal_failed
-            && let Err(error) = self.live.journal.record(record)
-        {
-            self.fail_journal(now, &error);
-        }
-    }
-
-    async fn carry_out(&mut self, now: Stamp, output: Output) {
+    async fn carry_out(&mut self, output: Output) {
         match output {
-            Output::Robot(RobotOutput::Bytes { bytes, kind }) => {
-                if kind.waits_for_journal() && !self.flushed(now) {
-                    return;
-                }
-                self.robot.send(bytes).await;
-            }
+            Output::Robot(RobotOutput::Bytes { bytes, .. }) => self.robot.send(bytes).await,
             Output::Robot(RobotOutput::Connect) => self.robot.connect(&self.news),
             Output::Robot(RobotOutput::Close) => self.robot.close(),
-            Output::Camera(CameraOutput::Connect) => self.camera.connect(self.live.links.camera),
+            Output::Camera(CameraOutput::Connect) => self.camera.connect(self.camera_address),
             Output::Camera(CameraOutput::Close) => self.camera.outgoing = None,
-            Output::Camera(CameraOutput::Bytes { bytes, act }) => {
-                if act && !self.flushed(now) {
-                    return;
-                }
+            Output::Camera(CameraOutput::Bytes { bytes, .. }) => {
                 if let Some(camera) = &self.camera.outgoing {
                     // The writer ends when the connection does; its reader reports that.
                     camera.send(bytes).await.ok();
@@ -225,70 +267,46 @@ impl Shell<'_> {
             }
             Output::Job { job_id, job } => {
                 let finished = self.finished.clone();
-                self.live.pool.start(job, move |done| {
+                self.pool.start(job, move |done| {
                     // After the end of the run nobody waits for it.
                     finished.send(Input::JobDone { job_id, done }).ok();
                 });
             }
-            Output::Event(event) => self.live.console.show(&event),
+            Output::Event(event) => self.console.show(&event),
             Output::File { name, bytes } => {
                 if name == "summary.json" {
                     self.summary.clone_from(&bytes);
                 }
-                if let Err(error) = write_new(&self.live.dir.join(name), &bytes) {
+                if let Err(error) = write_new(&self.dir.join(name), &bytes) {
                     self.file_error.get_or_insert(error);
                 }
             }
-            Output::ViewCloud { .. } | Output::ViewPose { .. } | Output::Model(_) => {}
-        }
-    }
-
-    /// No journal, no motion: an act leaves only when the record of what caused it has left the process.
-    fn flushed(&mut self, now: Stamp) -> bool {
-        if self.journal_failed {
-            return false;
-        }
-        match self.live.journal.flush() {
-            Ok(()) => true,
-            Err(error) => {
-                self.fail_journal(now, &error);
-                false
-            }
-        }
-    }
-
-    fn fail_journal(&mut self, now: Stamp, error: &JournalError) {
-        if !self.journal_failed {
-            self.journal_failed = true;
-            let reason = error.to_string();
-            self.live.controller.handle_input(now, Input::JournalFailed { reason });
+            Output::Sync { .. } | Output::ViewCloud { .. } | Output::ViewPose { .. } | Output::Model(_) => {}
         }
     }
 
     fn conclude(self) -> Result<Outcome, LiveError> {
-        let controller = &self.live.controller;
+        let has_failed = self.journalled.has_failed();
+        let (controller, journal) = self.journalled.into_parts();
         let merged_count = controller
             .views()
             .iter()
             .filter(|view| view.model_from_view().is_some())
             .count();
-        let planned_count = controller.views().len();
-        let merged_min_count = controller.merged_min_count();
-        let ending = controller.ending().cloned().expect("a run that is over has an ending");
-        let path = self.live.journal.path().to_owned();
-        let recording = match self.live.journal.finish() {
+        let path = journal.path().to_owned();
+        let recording = match journal.finish() {
             Ok(path) => path,
             // The fault has been reported; what was written stays.
-            Err(_) if self.journal_failed => path,
+            Err(_) if has_failed => path,
             Err(error) => return Err(error.into()),
         };
         match self.file_error {
             Some(error) => Err(error),
             None => Ok(Outcome {
-                ending,
-                planned_count,
+                ending: controller.ending().cloned().expect("a run that is over has an ending"),
+                planned_count: controller.views().len(),
                 merged_count,
-                merged_min_count,
+                merged_min_count: controller.merged_min_count(),
                 recording,
                 summary: self.summary,
             }),
@@ -296,7 +314,7 @@ impl Shell<'_> {
     }
 }
 
-pub(super) fn write_new(path: &Path, bytes: &[u8]) -> Result<(), LiveError> {
+fn write_new(path: &Path, bytes: &[u8]) -> Result<(), LiveError> {
     let write = || {
         let mut file = OpenOptions::new().write(true).create_new(true).open(path)?;
         file.write_all(bytes)?;

@@ -2,7 +2,7 @@
 
 use super::pool::Pool;
 use crate::controller::{Controller, Input, Output};
-use crate::job::FinishedJob;
+use crate::job::{FinishedJob, hex, sha256};
 use crate::journal::{InputMemo, ReadError, Record, Recording, Topic, input_record, output_records, read_input};
 use crate::plan::{Plan, PlanError};
 use crate::settings::{Recipe, SettingsError, Station};
@@ -46,6 +46,8 @@ pub struct Difference {
     pub replayed: String,
     /// How many inputs had been fed.
     pub after_input_count: usize,
+    /// The last of them, the latest at the end.
+    pub inputs_before: Vec<String>,
 }
 
 /// Why a recording cannot be replayed at all.
@@ -132,6 +134,7 @@ fn feed<'a>(
         start_unix_ns: recording.start_unix_ns(),
         expected: VecDeque::new(),
         done: BTreeMap::new(),
+        inputs: VecDeque::new(),
         last: Stamp::START,
         files: BTreeMap::new(),
         report: ReplayReport {
@@ -162,6 +165,8 @@ struct Replayer<'a> {
     expected: VecDeque<Record>,
     /// Jobs done again whose end the recording has not reached yet.
     done: BTreeMap<u32, FinishedJob>,
+    /// The last few inputs.
+    inputs: VecDeque<Record>,
     /// When the last record was made.
     last: Stamp,
     files: BTreeMap<&'static str, Vec<u8>>,
@@ -201,6 +206,9 @@ impl Replayer<'_> {
             None => return self.differ(Some(&record), None),
         };
         self.report.input_count += 1;
+        if self.inputs.len() == INPUTS_SHOWN {
+            self.inputs.pop_front();
+        }
         self.controller.handle_input(record.stamp, input);
         while let Some(output) = self.controller.poll_output() {
             self.expected
@@ -217,6 +225,7 @@ impl Replayer<'_> {
                 _ => {}
             }
         }
+        self.inputs.push_back(record);
         true
     }
 
@@ -239,6 +248,7 @@ impl Replayer<'_> {
             recorded: words(recorded),
             replayed: words(replayed),
             after_input_count: self.report.input_count,
+            inputs_before: self.inputs.iter().map(|record| words(Some(record))).collect(),
         });
         false
     }
@@ -250,11 +260,18 @@ fn words(record: Option<&Record>) -> String {
     };
     let text = match record.topic {
         Topic::Input | Topic::Output | Topic::Event => String::from_utf8_lossy(&record.payload).into_owned(),
-        _ => format!(
-            "{} bytes, sha256 {}",
-            record.payload.len(),
-            crate::job::sha256(&record.payload)
-        ),
+        _ => {
+            let shown = &record.payload[..record.payload.len().min(BYTES_SHOWN)];
+            let rest = if shown.len() < record.payload.len() {
+                format!("..., sha256 {}", sha256(&record.payload))
+            } else {
+                String::new()
+            };
+            format!("{} bytes {}{rest}", record.payload.len(), hex(shown))
+        }
     };
     format!("{} at {:.6} s: {text}", record.topic.name(), record.stamp.seconds())
 }
+
+const INPUTS_SHOWN: usize = 8;
+const BYTES_SHOWN: usize = 64;

@@ -1,25 +1,20 @@
 //! Acquisition: the arm steps through the planned poses, the camera takes a frame at each.
 //!
-//! | state | accepts | sends | ends |
-//! |---|---|---|---|
-//! | opening | hold, abort | identity question; camera greeting, settings, arm; then servo on | both ready |
-//! | to target | hold, abort | move to the next pose, if the backlog has room | arrival |
-//! | at target | hold, abort | trigger, once the last frame is in and the camera is armed with the view's settings, and warm if it must be | exposure done |
-//! | exposing | hold, abort | nothing | exposure done: the arm may go to the next pose while the frame comes |
-//! | (camera away) | hold, abort | the camera is connected again by its own conversation; the arm stays if an exposure is not known to be over, else goes on as far as it can | armed again: as before; given up: fault |
-//! | held | resume, abort | nothing but status questions | resume: hold off, servo on, the interrupted move anew |
-//! | ending | abort | hold (unless finished), servo off, goodbye to the camera | both confirmed or given up |
+//! What each state accepts, sends and ends with stands in `docs/run.md`.
 
 mod arm;
 mod camera_events;
+mod commands;
 mod devices;
 mod frames;
 mod identity;
 mod restart;
+mod state;
 mod warmth;
 
 pub use arm::{Arm, ArmEvent, ArmSettings, JobSettings, Motion};
 pub use devices::{camera_settings, camera_times, exchange_settings};
+pub use state::{Command, State};
 
 use crate::camera::{self, CameraOutput, Capture, TriggerId};
 use crate::event::{Ending, Event, HoldBy};
@@ -29,6 +24,7 @@ use crate::robot::RobotOutput;
 use crate::seed::Seed;
 use crate::settings::{Recipe, Station, Target as StationTarget};
 use crate::stamp::{Stamp, earlier};
+use commands::HoldAfter;
 use devices::arm_settings;
 use nalgebra::Isometry3;
 use restart::Check;
@@ -89,6 +85,8 @@ pub struct Session {
     check: Check,
     restart_count: u16,
     hold: Hold,
+    /// A hold that is to come after a view.
+    hold_after: Option<HoldAfter>,
     ending: Option<Ending>,
     arm_done: bool,
     camera_done: bool,
@@ -170,6 +168,7 @@ impl Session {
             check: Check::No,
             restart_count: 0,
             hold: Hold::No,
+            hold_after: None,
             ending: None,
             arm_done: false,
             camera_done: false,
@@ -186,43 +185,6 @@ impl Session {
         self.camera.open(now);
     }
 
-    /// Holds the arm at once.
-    pub fn hold(&mut self, now: Stamp, by: HoldBy) {
-        if self.ending.is_some() || !matches!(self.hold, Hold::No | Hold::Resuming) {
-            return;
-        }
-        self.emit(Event::HoldAsked { by });
-        self.hold = Hold::Asked;
-        self.interrupt();
-        self.arm.hold(now);
-    }
-
-    /// Goes on after a hold.
-    pub fn resume(&mut self, now: Stamp) {
-        match self.hold {
-            Hold::Held if self.ending.is_none() => {
-                self.hold = Hold::Resuming;
-                if self.robot_known && self.camera_known {
-                    self.arm.make_ready(now);
-                } else {
-                    self.hold = Hold::No;
-                    self.emit(Event::Resumed);
-                    self.arm.identify(now);
-                }
-            }
-            Hold::Asked => self.note("the hold is not confirmed yet; resume when it is"),
-            _ => self.note("there is nothing to resume"),
-        }
-    }
-
-    /// Ends the run on the operator's word.
-    pub fn abort(&mut self, now: Stamp) {
-        if self.ending.is_none() {
-            self.emit(Event::AbortAsked);
-            self.end(now, Ending::Aborted);
-        }
-    }
-
     /// Ends the run with a fault.
     pub fn fault(&mut self, now: Stamp, fault: Fault) {
         self.emit(Event::Faulted { fault: fault.clone() });
@@ -234,20 +196,18 @@ impl Session {
         self.end(now, Ending::Finished);
     }
 
-    /// Whether a hold has been asked for and not been resumed from.
-    pub fn is_held(&self) -> bool {
-        matches!(self.hold, Hold::Asked | Hold::Held)
-    }
-
     /// Whether every planned view has been taken or given up.
     pub fn is_acquired(&self) -> bool {
         self.targets.is_empty() && self.awaited.is_none() && self.check == Check::No
     }
 
-    /// How many views are still to be taken, or their frames still to come.
-    pub fn left_count(&self) -> usize {
-        let to_take = self.targets.iter().filter(|target| !target.is_check()).count();
-        to_take + usize::from(self.awaited.is_some())
+    /// The views that are still to be taken, or whose frames are still to come.
+    pub fn left(&self) -> Vec<usize> {
+        let awaited = self.awaited.map(|standing| standing.target).or(self.cut_off);
+        let all = awaited.iter().chain(&self.targets);
+        all.filter(|target| !target.is_check())
+            .map(|target| target.view_index)
+            .collect()
     }
 
     /// How the run ends, once that is decided.
@@ -314,6 +274,9 @@ impl Session {
 
     /// Does what can be done now. `backlog_count` views are waiting to be registered.
     pub fn advance(&mut self, now: Stamp, backlog_count: usize) {
+        if self.ending.is_none() && self.hold == Hold::No {
+            self.hold_if_due(now);
+        }
         if self.ending.is_some() || self.hold != Hold::No || self.check == Check::Judging {
             return;
         }
@@ -327,6 +290,7 @@ impl Session {
                 if let Some(&target) = self.targets.front()
                     && self.arm.is_standing()
                     && backlog_count < BACKLOG_MAX
+                    && self.may_go_on()
                 {
                     self.stage = Stage::Moving(target);
                     self.arm.move_to(now, target.view_index);
@@ -444,6 +408,7 @@ impl Session {
         }
         let finished = ending == Ending::Finished;
         self.ending = Some(ending);
+        self.hold_after = None;
         self.give_up_exposed();
         self.camera.leave(now);
         self.camera_done = self.camera_done || self.camera.is_over();

@@ -55,6 +55,7 @@ impl Session {
         }
         self.restart_count += 1;
         self.hold = Hold::No;
+        self.hold_after = None;
         (self.arm_done, self.camera_done, self.parking) = (false, false, false);
         (self.robot_known, self.camera_known) = (false, false);
         (self.failures_in_a_row, self.camera_failures_in_a_row) = (0, 0);

@@ -214,7 +214,7 @@ pub const RECIPE_KEYS: &[Key] = &[
     ),
     default("run.retakes_max", integer(0.0, 10.0, ""), "1"),
     default("run.check_rotation_max_deg", number(0.01, 45.0, "deg"), "0.5"),
-    default("run.check_translation_max_mm", number(0.01, 100.0, "mm"), "1.0"),
+    default("run.check_translation_max_mm", number(0.01, 100.0, "mm"), "2.0"),
 ];
 
 /// The keys of a station, in the order of its documentation.

@@ -81,7 +81,7 @@ fn whatever_the_camera_does_in_mid_run_is_overcome_or_named() {
         if expected == "none" {
             assert_eq!(pair.merged_count(), 2, "{fault}");
             assert_eq!(
-                pair.controller.views()[1].attempt,
+                pair.run.controller().views()[1].attempt,
                 retakes,
                 "{fault}: {:#?}",
                 pair.events
@@ -145,7 +145,7 @@ fn a_view_taken_again_is_taken_with_its_own_exposures() {
     );
     let mut pair = Pair::with_recipe(&text, 3, &["corrupt-chunk@1"], 0.0, 1);
     assert_eq!(pair.drive(|_| None), Ending::Finished);
-    let attempts: Vec<u16> = pair.controller.views().iter().map(|view| view.attempt).collect();
+    let attempts: Vec<u16> = pair.run.controller().views().iter().map(|view| view.attempt).collect();
     assert_eq!((pair.merged_count(), attempts), (3, vec![0, 1, 0]));
     pair.replay();
 }

@@ -3,15 +3,16 @@
 mod camera;
 mod codes;
 mod restart;
+mod words;
 
 use bladescan::camera::CameraOutput;
-use bladescan::controller::{Command, Controller, Header, Input, Output, ViewRecord};
+use bladescan::controller::{Command, Controller, Header, Input, Output, ViewOutcome, ViewRecord};
 use bladescan::event::{Ending, Event, HoldBy};
 use bladescan::job::{FinishedJob, JobOutput, sha256};
-use bladescan::journal::{Recording, Writer, input_record, output_records};
+use bladescan::journal::{Recording, Writer};
 use bladescan::plan::Plan;
 use bladescan::robot::{self, RobotOutput};
-use bladescan::run::{Pool, replay};
+use bladescan::run::{Journalled, Pool, replay};
 use bladescan::seed::Seed;
 use bladescan::settings::{Recipe, Station};
 use bladescan::stamp::Stamp;
@@ -60,7 +61,7 @@ enum Delivery {
 
 /// Controller and cell with a wire between them.
 struct Pair {
-    controller: Controller,
+    run: Journalled<Writer<Cursor<Vec<u8>>>>,
     cell: Cell,
     renderer: Renderer,
     pool: Pool,
@@ -74,7 +75,6 @@ struct Pair {
     /// Share of datagrams lost in each direction.
     loss: f64,
     chance: ChaCha8Rng,
-    journal: Writer<Cursor<Vec<u8>>>,
     events: Vec<(u64, Event)>,
     /// Moves that the simulated robot accepted.
     accepted_move_count: usize,
@@ -82,6 +82,8 @@ struct Pair {
     servo_off_count: usize,
     /// The job of this name and view panics.
     panicking_job: Option<(&'static str, usize)>,
+    /// How long a job takes.
+    job_ns: u64,
     files: BTreeMap<&'static str, Vec<u8>>,
 }
 
@@ -122,7 +124,7 @@ impl Pair {
         Self {
             renderer: Renderer::new(&Builtin::HptA.mesh(), scene.surface).unwrap(),
             cell: Cell::new(scene),
-            controller: Controller::new(header, &recipe, &station, plan),
+            run: Journalled::new(Controller::new(header, &recipe, &station, plan), journal, START_UNIX_NS),
             pool: Pool::new().unwrap(),
             now_ns: 0,
             wire: BTreeMap::new(),
@@ -131,11 +133,11 @@ impl Pair {
             configured_at_ns: Vec::new(),
             loss,
             chance: ChaCha8Rng::seed_from_u64(seed),
-            journal,
             events: Vec::new(),
             accepted_move_count: 0,
             servo_off_count: 0,
             panicking_job: None,
+            job_ns: JOB_NS,
             files: BTreeMap::new(),
         }
     }
@@ -147,8 +149,8 @@ impl Pair {
 
     /// Runs from `first` to the end.
     fn drive_from(&mut self, first: Input, mut on_event: impl FnMut(&Event) -> Option<Command>) -> Ending {
-        self.run(first, &mut on_event, |_| false);
-        self.controller.ending().unwrap().clone()
+        self.run_from(first, &mut on_event, |_| false);
+        self.run.controller().ending().unwrap().clone()
     }
 
     /// Runs until something has happened, as if the process had been killed then; false if the run ends before.
@@ -162,21 +164,21 @@ impl Pair {
             killed.set(killed.get() || is_last(event));
             None
         };
-        self.run(first, &mut on_event, |_| killed.get());
+        self.run_from(first, &mut on_event, |_| killed.get());
         killed.get()
     }
 
-    fn run(
+    fn run_from(
         &mut self,
         first: Input,
         on_event: &mut impl FnMut(&Event) -> Option<Command>,
         is_killed: impl Fn(&Self) -> bool,
     ) {
         self.tell(first, on_event);
-        while !self.controller.is_over() && !is_killed(self) {
+        while !self.run.controller().is_over() && !is_killed(self) {
             let next = [
                 self.wire.keys().next().map(|(ns, _)| *ns),
-                self.controller.wake_at().map(|stamp| stamp.ns),
+                self.run.wake_at().map(|stamp| stamp.ns),
                 self.cell.wake_at(),
             ];
             self.now_ns = next
@@ -196,7 +198,8 @@ impl Pair {
             } else if self.cell.wake_at().is_some_and(|ns| ns <= self.now_ns) {
                 self.ask_cell(cell::Input::Wake);
             } else {
-                self.tell(Input::Wake, on_event);
+                self.run.handle_wake(Stamp { ns: self.now_ns });
+                self.carry_out(on_event);
             }
         }
     }
@@ -226,14 +229,13 @@ impl Pair {
     }
 
     fn tell(&mut self, input: Input, on_event: &mut impl FnMut(&Event) -> Option<Command>) {
-        let now = Stamp { ns: self.now_ns };
-        self.journal.write(&input_record(now, &input)).unwrap();
-        self.controller.handle_input(now, input);
+        self.run.handle_input(Stamp { ns: self.now_ns }, input);
+        self.carry_out(on_event);
+    }
+
+    fn carry_out(&mut self, on_event: &mut impl FnMut(&Event) -> Option<Command>) {
         let mut commands = Vec::new();
-        while let Some(output) = self.controller.poll_output() {
-            for record in output_records(now, &output, START_UNIX_NS) {
-                self.journal.write(&record).unwrap();
-            }
+        while let Some(output) = self.run.poll_output() {
             match output {
                 Output::Robot(RobotOutput::Bytes { bytes, .. }) => {
                     self.servo_off_count +=
@@ -263,7 +265,7 @@ impl Pair {
                     if self.panicking_job == Some((job.name(), job.view_index())) {
                         done.output = JobOutput::Panicked { text: "a bug".into() };
                     }
-                    self.send(JOB_NS, Delivery::ToController(Input::JobDone { job_id, done }));
+                    self.send(self.job_ns, Delivery::ToController(Input::JobDone { job_id, done }));
                 }
                 Output::Event(event) => {
                     commands.extend(on_event(&event));
@@ -273,6 +275,7 @@ impl Pair {
                     self.files.insert(name, bytes);
                 }
                 Output::Robot(RobotOutput::Connect | RobotOutput::Close)
+                | Output::Sync { .. }
                 | Output::ViewCloud { .. }
                 | Output::ViewPose { .. }
                 | Output::Model(_) => {}
@@ -324,7 +327,7 @@ impl Pair {
 
     fn merged_count(&self) -> usize {
         let merged = |view: &&ViewRecord| view.model_from_view().is_some();
-        self.controller.views().iter().filter(merged).count()
+        self.run.controller().views().iter().filter(merged).count()
     }
 
     fn fault_name(ending: &Ending) -> &'static str {
@@ -336,7 +339,8 @@ impl Pair {
 
     /// Ends the recording and replays it.
     fn replay(self) {
-        let bytes = self.journal.finish().unwrap().into_inner();
+        let (_, journal) = self.run.into_parts();
+        let bytes = journal.finish().unwrap().into_inner();
         let recording = Recording::open(&bytes).unwrap();
         let report = replay(&recording, &self.pool).unwrap();
         assert!(report.identical && report.complete, "{:#?}", report.difference);
@@ -541,10 +545,26 @@ fn a_fault_in_the_last_registration_is_how_the_run_ends_though_all_was_taken() {
 }
 
 #[test]
+fn a_panic_in_a_job_costs_the_view_of_that_job_and_no_other_frame() {
+    for job in ["prepare", "register"] {
+        let mut pair = Pair::new(4, &[], 0.0, 1);
+        pair.panicking_job = Some((job, 1));
+        // Longer than taking all views: every frame has come when the job panics.
+        pair.job_ns = 10 * JOB_NS;
+        assert_eq!(Pair::fault_name(&pair.drive(|_| None)), "job-panicked", "{job}");
+        assert_eq!(pair.merged_count(), 3, "{job}");
+        let ViewOutcome::Discarded { reason } = &pair.run.controller().views()[1].outcome else {
+            panic!("{job}: {:?}", pair.run.controller().views()[1]);
+        };
+        assert_eq!(reason, "a job panicked: a bug", "{job}");
+    }
+}
+
+#[test]
 fn a_frame_taken_again_has_an_attempt_of_its_own() {
     let mut pair = Pair::new(3, &["corrupt-chunk@1"], 0.0, 1);
     pair.drive(|_| None);
-    let attempts: Vec<u16> = pair.controller.views().iter().map(|view| view.attempt).collect();
+    let attempts: Vec<u16> = pair.run.controller().views().iter().map(|view| view.attempt).collect();
     assert_eq!(attempts, [0, 1, 0]);
     pair.replay();
 }

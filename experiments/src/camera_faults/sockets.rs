@@ -214,6 +214,7 @@ impl Run {
                     Output::Job { job_id, job } => {
                         self.news.send((FROM_ROBOT, finish_job(job_id, &job))).ok();
                     }
+                    Output::Sync { view_index, attempt } => inputs.push(Input::Synced { view_index, attempt }),
                     _ => (),
                 }
             }

@@ -110,6 +110,10 @@ impl Run<'_> {
                     let done = finish_job(job_id, &job);
                     self.send(JOB_NS, Delivery::ToController(done));
                 }
+                Output::Sync { view_index, attempt } => {
+                    let synced = Input::Synced { view_index, attempt };
+                    self.send(0, Delivery::ToController(synced));
+                }
                 _ => (),
             }
         }
