@@ -2,6 +2,7 @@
 
 use crate::support::{Bench, Ended, RECIPE};
 use bladescan::job::sha256;
+use bladescan::journal::{Record, Topic};
 
 /// Reconstructs `out/run.mcap` into `again`.
 fn reconstruct(bench: &Bench, options: &[&str]) -> Ended {
@@ -86,5 +87,42 @@ fn a_recording_without_a_frame_is_said_to_have_none() {
     let bench = Bench::new("reconstruct-no-frame");
     bench.dry_run(2, &["--fault", "remote-off"]).expect(1, &[]);
     reconstruct(&bench, &[]).expect(2, &["the recording has no frame"]);
+    assert!(!bench.path("again").exists());
+}
+
+/// Records a run of two views and writes its recording anew, changed.
+fn with_records(name: &str, change: impl FnOnce(&mut Vec<Record>)) -> Bench {
+    let bench = Bench::new(name);
+    bench.dry_run(2, &[]).expect(0, &[]);
+    let mut records = bench.records("out/run.mcap");
+    change(&mut records);
+    bench.rewrite("out/run.mcap", "changed.mcap", &records);
+    std::fs::rename(bench.path("changed.mcap"), bench.path("out/run.mcap")).unwrap();
+    bench
+}
+
+#[test]
+fn a_recording_that_comes_out_differently_still_gives_its_views() {
+    let bench = with_records("reconstruct-differs", |records| {
+        records.retain(|record| record.topic != Topic::RobotSent);
+    });
+    bench.run(&["replay", "out/run.mcap"]).expect(5, &[]);
+    reconstruct(&bench, &[]).expect(0, &["2 of 2 views merged"]);
+    let [own, again] = ["out", "again"].map(|dir| bench.read_json(&format!("{dir}/poses.json"))["views"].clone());
+    assert_eq!(own, again);
+}
+
+#[test]
+fn a_recording_whose_frames_do_not_come_any_more_is_not_passed_off_as_whole() {
+    let bench = with_records("reconstruct-frames-lost", |records| {
+        let told = |record: &Record| String::from_utf8_lossy(&record.payload).contains("\"frame-arrived\"");
+        let event = records
+            .iter()
+            .find(|record| record.topic == Topic::Event && told(record));
+        let event = event.unwrap().clone();
+        records.push(event);
+    });
+    let said = "the recording has 3 frames, of which this version finds 2";
+    reconstruct(&bench, &[]).expect(2, &[said]);
     assert!(!bench.path("again").exists());
 }

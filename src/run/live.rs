@@ -310,7 +310,7 @@ impl Shell<'_> {
     }
 }
 
-pub(super) fn write_new(path: &Path, bytes: &[u8]) -> Result<(), LiveError> {
+fn write_new(path: &Path, bytes: &[u8]) -> Result<(), LiveError> {
     run_dir::write_new(path, bytes).map_err(LiveError::File)
 }
 
