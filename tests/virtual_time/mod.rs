@@ -1,6 +1,7 @@
 //! Whole runs on virtual time: the controller and the simulated cell exchange bytes without a socket, a thread or a sleep.
 
 mod camera;
+mod retakes;
 mod words;
 
 use bladescan::camera::CameraOutput;
@@ -92,8 +93,20 @@ impl Pair {
     }
 
     fn with_recipe(recipe_text: &str, view_count: usize, faults: &[&str], loss: f64, seed: u64) -> Self {
+        let station_text = Station::BUILTIN_SIMULATED_TEXT;
+        Self::at_station(recipe_text, station_text, view_count, faults, loss, seed)
+    }
+
+    fn at_station(
+        recipe_text: &str,
+        station_text: &str,
+        view_count: usize,
+        faults: &[&str],
+        loss: f64,
+        seed: u64,
+    ) -> Self {
         let recipe = Recipe::parse("small.toml", recipe_text).unwrap();
-        let station = Station::builtin_simulated();
+        let station = Station::parse("station.toml", station_text).unwrap();
         let views = NonZeroUsize::new(view_count).unwrap();
         let plan = Plan::new(&recipe, &station, Seed(seed)).unwrap().truncated(views);
         let header = Header {
@@ -116,14 +129,7 @@ impl Pair {
             ..Scene::default()
         };
         let out = Cursor::new(Vec::new());
-        let journal = Writer::begin(
-            out,
-            &header,
-            START_UNIX_NS,
-            recipe_text,
-            Station::BUILTIN_SIMULATED_TEXT,
-        )
-        .unwrap();
+        let journal = Writer::begin(out, &header, START_UNIX_NS, recipe_text, station_text).unwrap();
         Self {
             renderer: Renderer::new(&Builtin::HptA.mesh(), scene.surface).unwrap(),
             cell: Cell::new(scene),
