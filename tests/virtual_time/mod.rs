@@ -3,6 +3,7 @@
 mod camera;
 mod codes;
 mod restart;
+mod retakes;
 mod words;
 
 use bladescan::camera::CameraOutput;
@@ -93,13 +94,18 @@ impl Pair {
     }
 
     fn with_recipe(recipe_text: &str, view_count: usize, faults: &[&str], loss: f64, seed: u64) -> Self {
-        let texts = (recipe_text, Station::BUILTIN_SIMULATED_TEXT);
-        Self::with_texts(texts, view_count, faults, loss, seed)
+        let station_text = Station::BUILTIN_SIMULATED_TEXT;
+        Self::at_station(recipe_text, station_text, view_count, faults, loss, seed)
     }
 
-    /// With a recipe and a station of its own.
-    fn with_texts(texts: (&str, &str), view_count: usize, faults: &[&str], loss: f64, seed: u64) -> Self {
-        let (recipe_text, station_text) = texts;
+    fn at_station(
+        recipe_text: &str,
+        station_text: &str,
+        view_count: usize,
+        faults: &[&str],
+        loss: f64,
+        seed: u64,
+    ) -> Self {
         let recipe = Recipe::parse("small.toml", recipe_text).unwrap();
         let station = Station::parse("station.toml", station_text).unwrap();
         let views = NonZeroUsize::new(view_count).unwrap();
