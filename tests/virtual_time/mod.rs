@@ -1,6 +1,7 @@
 //! Whole runs on virtual time: the controller and the simulated cell exchange bytes without a socket, a thread or a sleep.
 
 mod camera;
+mod disk;
 
 use bladescan::camera::CameraOutput;
 use bladescan::controller::{Command, Controller, Header, Input, Output, ViewRecord};
@@ -22,7 +23,7 @@ use rand::RngExt as _;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use std::collections::BTreeMap;
-use std::io::Cursor;
+use std::io::{Cursor, Seek, Write};
 use std::num::NonZeroUsize;
 
 const RECIPE: &str = r#"
@@ -56,9 +57,9 @@ enum Delivery {
     ToPanel(Panel),
 }
 
-/// Controller and cell with a wire between them.
-struct Pair {
-    run: Journalled<Writer<Cursor<Vec<u8>>>>,
+/// Controller and cell with a wire between them, recorded on `W`.
+struct Pair<W: Write + Seek = Cursor<Vec<u8>>> {
+    run: Journalled<Writer<W>>,
     cell: Cell,
     renderer: Renderer,
     pool: Pool,
@@ -88,6 +89,28 @@ impl Pair {
     }
 
     fn with_recipe(recipe_text: &str, view_count: usize, faults: &[&str], loss: f64, seed: u64) -> Self {
+        Self::recorded_on(Cursor::new(Vec::new()), recipe_text, view_count, faults, loss, seed)
+    }
+
+    fn fault_name(ending: &Ending) -> &'static str {
+        match ending {
+            Ending::Faulted { fault } => fault.code.name(),
+            _ => "none",
+        }
+    }
+
+    /// Ends the recording and replays it.
+    fn replay(self) {
+        let (_, journal) = self.run.into_parts();
+        let bytes = journal.finish().unwrap().into_inner();
+        let recording = Recording::open(&bytes).unwrap();
+        let report = replay(&recording, &self.pool).unwrap();
+        assert!(report.identical && report.complete, "{:#?}", report.difference);
+    }
+}
+
+impl<W: Write + Seek> Pair<W> {
+    fn recorded_on(out: W, recipe_text: &str, view_count: usize, faults: &[&str], loss: f64, seed: u64) -> Self {
         let recipe = Recipe::parse("small.toml", recipe_text).unwrap();
         let station = Station::builtin_simulated();
         let views = NonZeroUsize::new(view_count).unwrap();
@@ -111,7 +134,6 @@ impl Pair {
             faults: faults.iter().map(|fault| fault.parse().unwrap()).collect(),
             ..Scene::default()
         };
-        let out = Cursor::new(Vec::new());
         let journal = Writer::begin(
             out,
             &header,
@@ -297,22 +319,6 @@ impl Pair {
     fn merged_count(&self) -> usize {
         let merged = |view: &&ViewRecord| view.model_from_view().is_some();
         self.run.controller().views().iter().filter(merged).count()
-    }
-
-    fn fault_name(ending: &Ending) -> &'static str {
-        match ending {
-            Ending::Faulted { fault } => fault.code.name(),
-            _ => "none",
-        }
-    }
-
-    /// Ends the recording and replays it.
-    fn replay(self) {
-        let (_, journal) = self.run.into_parts();
-        let bytes = journal.finish().unwrap().into_inner();
-        let recording = Recording::open(&bytes).unwrap();
-        let report = replay(&recording, &self.pool).unwrap();
-        assert!(report.identical && report.complete, "{:#?}", report.difference);
     }
 }
 
