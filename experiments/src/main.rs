@@ -7,11 +7,13 @@ mod camera;
 mod camera_faults;
 mod cases;
 mod cleaning;
+mod disk;
 mod doubt;
 mod frames;
 mod fuzz;
 mod generate;
 mod golden;
+mod hold;
 mod kabsch;
 mod large;
 mod model;
@@ -61,6 +63,10 @@ enum Command {
     Camera(camera::CameraArguments),
     /// Makes whole runs against a camera that goes wrong, many times.
     CameraFaults(camera_faults::CameraFaultsArguments),
+    /// Makes whole runs on a disk that is full, read-only or slow from each record on.
+    Disk(disk::DiskArguments),
+    /// Measures how soon a hold reaches the robot over each link while a registration keeps all cores busy.
+    Hold(hold::HoldArguments),
     /// Times the parts that have a budget, on generated data.
     Speed,
 }
@@ -82,6 +88,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Command::Wire(arguments) => wire::run(&arguments),
         Command::Camera(arguments) => camera::run(&arguments),
         Command::CameraFaults(arguments) => camera_faults::run(&arguments),
+        Command::Disk(arguments) => disk::run(&arguments),
+        Command::Hold(arguments) => hold::run(&arguments),
         Command::Speed => speed::run(),
     }
 }
