@@ -7,11 +7,13 @@ mod camera;
 mod camera_faults;
 mod cases;
 mod cleaning;
+mod disk;
 mod doubt;
 mod frames;
 mod fuzz;
 mod generate;
 mod golden;
+mod hold;
 mod kabsch;
 mod large;
 mod model;
@@ -64,6 +66,10 @@ enum Command {
     CameraFaults(camera_faults::CameraFaultsArguments),
     /// Kills real runs at random instants, resumes them, and looks for what is lost or moved twice.
     Processes(processes::ProcessesArguments),
+    /// Makes whole runs on a disk that is full, read-only or slow from each record on.
+    Disk(disk::DiskArguments),
+    /// Measures how soon a hold reaches the robot over each link while a registration keeps all cores busy.
+    Hold(hold::HoldArguments),
     /// Times the parts that have a budget, on generated data.
     Speed,
 }
@@ -86,6 +92,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Command::Camera(arguments) => camera::run(&arguments),
         Command::CameraFaults(arguments) => camera_faults::run(&arguments),
         Command::Processes(arguments) => processes::run(&arguments),
+        Command::Disk(arguments) => disk::run(&arguments),
+        Command::Hold(arguments) => hold::run(&arguments),
         Command::Speed => speed::run(),
     }
 }

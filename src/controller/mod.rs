@@ -221,7 +221,7 @@ impl Controller {
                 }
             }
             Input::Synced { view_index, attempt } => self.handle_synced((view_index, attempt)),
-            Input::Withheld { device } => self.handle_withheld(device),
+            Input::Withheld { device } => self.handle_withheld(now, device),
             Input::JournalFailed { reason } => {
                 self.journal_failed = true;
                 // Nothing will be kept any more.
@@ -357,13 +357,16 @@ impl Controller {
         }
     }
 
-    fn handle_withheld(&mut self, device: Device) {
-        let device = match device {
+    fn handle_withheld(&mut self, now: Stamp, device: Device) {
+        let name = match device {
             Device::Robot => "robot",
             Device::Camera => "camera",
         };
-        let text = format!("what waited for the recording was not sent to the {device}");
+        let text = format!("what waited for the recording was not sent to the {name}");
         self.outputs.push_back(Output::Event(Event::Noted { text }));
+        if device == Device::Robot {
+            self.session.handle_robot_withheld(now);
+        }
     }
 
     /// Carries everything as far as it goes without another input.

@@ -255,6 +255,12 @@ impl Session {
         self.handle_events(now);
     }
 
+    /// What was to move the robot was not sent and never will be.
+    pub fn handle_robot_withheld(&mut self, now: Stamp) {
+        self.arm.handle_withheld(now);
+        self.handle_events(now);
+    }
+
     /// The robot's connection stands.
     pub fn handle_robot_connected(&mut self, now: Stamp) {
         self.arm.handle_connected(now);

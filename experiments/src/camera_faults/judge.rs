@@ -8,7 +8,7 @@ use hw_sim::camera::render::Frame;
 
 /// Frames rendered, and frames taken as data.
 #[derive(Debug, Default)]
-pub(super) struct Judge {
+pub(crate) struct Judge {
     /// Hashes of what was rendered, by trigger id. A trigger can be rendered again after the bridge has forgotten it.
     rendered: BTreeMap<u64, BTreeSet<String>>,
     accepted_views: BTreeSet<usize>,

@@ -1,10 +1,10 @@
 //! Whole runs against a camera that goes wrong, many times: nothing wrong may become data, and every run ends.
 
 mod judge;
-mod run;
-mod setup;
+pub(crate) mod run;
+pub(crate) mod setup;
 mod sockets;
-mod virtual_time;
+pub(crate) mod virtual_time;
 
 use std::collections::BTreeMap;
 use std::error::Error;
