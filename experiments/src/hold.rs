@@ -12,8 +12,9 @@ use std::time::{Duration, Instant};
 
 use bladescan::controller::{Command, Controller, Header};
 use bladescan::event::Ending;
+use bladescan::job::{Job, RegisterJob};
 use bladescan::plan::Plan;
-use bladescan::registration;
+use bladescan::reconstruction::{Model, ViewSettings};
 use bladescan::robot;
 use bladescan::run::{Beginning, Console, JournalFile, Links, Live, Pool, RobotPlace};
 use bladescan::seed::Seed;
@@ -25,6 +26,7 @@ use hw_sim::cell::{Cell, Input};
 use hw_sim::robot::ports::{LinkOptions, PortInput};
 use hw_sim::scene::Scene;
 use hw_sim::shell::{Sockets, Wanted, serve_watched};
+use nalgebra::Isometry3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tokio::sync::{mpsc, oneshot};
@@ -241,14 +243,20 @@ impl Busy {
         let stop = Arc::new(AtomicBool::new(false));
         let wanted = Arc::clone(&stop);
         let thread = thread::spawn(move || {
-            let Ok(threads) = rayon::ThreadPoolBuilder::new().build() else {
-                return;
-            };
+            let Ok(pool) = Pool::new() else { return };
             let whole = cloud(&sheet(640, 625, 0.0), 640);
-            let view = cloud(&sheet(400, 250, 0.03), 400);
-            let settings = registration::Settings::default();
+            let model = Model::default().merged_with(&whole, &Isometry3::identity(), 0.1);
+            let job = Job::Register(Box::new(RegisterJob {
+                view_index: 1,
+                cloud: Arc::new(cloud(&sheet(400, 250, 0.03), 400)),
+                model: Arc::new(model),
+                start: Isometry3::identity(),
+                settings: ViewSettings::default(),
+                coincident_distance_mm: 0.1,
+                seed: Seed(1),
+            }));
             while !wanted.load(Ordering::Relaxed) {
-                threads.install(|| registration::register(&view, &whole, &settings).ok());
+                pool.run(&job);
             }
         });
         let thread = Some(thread);

@@ -59,13 +59,24 @@ pub(super) fn run(arguments: &ProcessesArguments) -> Result<(), Box<dyn std::err
     }
 }
 
-/// What a run leaves as its result: poses and model.
+/// What a run leaves as its result: the views of `poses.json` and the points of `model.ply`, byte for byte. What both say of
+/// their origin differs with the addresses of the cell.
 #[derive(Debug, PartialEq)]
-struct Results([Vec<u8>; 2]);
+struct Results {
+    views: String,
+    points: Vec<u8>,
+}
 
 impl Results {
     fn read(dir: &Path) -> std::io::Result<Self> {
-        let read = |name: &str| std::fs::read(dir.join(name));
-        Ok(Self([read("poses.json")?, read("model.ply")?]))
+        let poses: serde_json::Value = serde_json::from_slice(&std::fs::read(dir.join("poses.json"))?)?;
+        let mut model = std::fs::read(dir.join("model.ply"))?;
+        let end = model.windows(END.len()).position(|window| window == END);
+        Ok(Self {
+            views: poses["views"].to_string(),
+            points: model.split_off(end.map_or(0, |at| at + END.len())),
+        })
     }
 }
+
+const END: &[u8] = b"end_header\n";
