@@ -1,6 +1,7 @@
 //! Events: what happened in a run, for the journal, the console and the report.
 
 use crate::fault::Fault;
+use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
 /// One thing that happened.
@@ -52,6 +53,9 @@ pub enum Event {
         attempt: u16,
         valid_count: u32,
         saturated_count: u32,
+        /// Where the controller said the arm stood, 4x4 row-major, mm.
+        #[serde(with = "rows")]
+        base_from_tool: Isometry3<f64>,
     },
     /// The frame is on the disk: the view counts as taken.
     FrameKept { view_index: usize, attempt: u16 },
@@ -377,6 +381,22 @@ impl ViewFigures {
             ),
             _ => String::new(),
         }
+    }
+}
+
+/// A pose as the rows of its matrix.
+mod rows {
+    use crate::geometry::{isometry_from_rows, matrix_rows};
+    use nalgebra::Isometry3;
+    use serde::{Deserialize as _, Deserializer, Serialize as _, Serializer, de};
+
+    pub(super) fn serialize<S: Serializer>(pose: &Isometry3<f64>, serializer: S) -> Result<S::Ok, S::Error> {
+        matrix_rows(pose).serialize(serializer)
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Isometry3<f64>, D::Error> {
+        let rows = <[[f64; 4]; 4]>::deserialize(deserializer)?;
+        isometry_from_rows(&rows).map_err(de::Error::custom)
     }
 }
 

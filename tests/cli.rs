@@ -272,7 +272,7 @@ fn check_refuses_a_plan_that_leaves_the_workspace() {
 #[test]
 fn every_command_explains_itself_with_an_example() {
     let bench = Bench::new("cli-help");
-    for command in ["dry-run", "run", "check", "replay", "register"] {
+    for command in ["dry-run", "run", "check", "replay", "reconstruct", "register"] {
         let ended = bench.run(&[command, "--help"]);
         ended.expect(0, &[]);
         let example = format!("Example:\n  bladescan {command} ");

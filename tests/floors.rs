@@ -27,7 +27,7 @@ const FLOORS: &[(&str, u8)] = &[
 
 /// Modules of one floor that a module of the same floor may use, so that peers never form a circle.
 const PEERS: &[(&str, &[&str])] = &[
-    ("event", &["fault"]),
+    ("event", &["fault", "geometry"]),
     ("reconstruction", &["registration"]),
     ("settings", &["robot"]),
     ("session", &["plan"]),

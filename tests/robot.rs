@@ -175,7 +175,8 @@ fn over_every_link_and_in_both_ways_to_move_a_dry_run_comes_to_the_same_poses() 
             bench
                 .dry_run_into(&out, 2, &options, &[])
                 .expect(0, &["2 of 2 views merged"]);
-            let poses = bench.read(&format!("{out}/poses.json"));
+            // The station, which the file names too, is another one.
+            let poses = bench.read_json(&format!("{out}/poses.json"))["views"].clone();
             assert_eq!(*first.get_or_insert(poses.clone()), poses, "{out}");
         }
     }

@@ -138,6 +138,16 @@ fn replay_finds_a_changed_byte_in_an_answer_of_the_robot() {
             .unwrap()
             .contains("SIMULATED DX100")
     );
+    let before = report["difference"]["inputs_before"].as_array().unwrap();
+    assert!(
+        before
+            .last()
+            .unwrap()
+            .as_str()
+            .unwrap()
+            .starts_with("/robot/received at "),
+        "{before:?}"
+    );
 }
 
 #[test]

@@ -17,6 +17,7 @@ mod large;
 mod model;
 mod mpe;
 mod pairs;
+mod processes;
 mod speed;
 mod wire;
 
@@ -61,6 +62,8 @@ enum Command {
     Camera(camera::CameraArguments),
     /// Makes whole runs against a camera that goes wrong, many times.
     CameraFaults(camera_faults::CameraFaultsArguments),
+    /// Kills real runs at random instants, resumes them, and looks for what is lost or moved twice.
+    Processes(processes::ProcessesArguments),
     /// Times the parts that have a budget, on generated data.
     Speed,
 }
@@ -82,6 +85,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Command::Wire(arguments) => wire::run(&arguments),
         Command::Camera(arguments) => camera::run(&arguments),
         Command::CameraFaults(arguments) => camera_faults::run(&arguments),
+        Command::Processes(arguments) => processes::run(&arguments),
         Command::Speed => speed::run(),
     }
 }

@@ -25,7 +25,7 @@ pub use message::{
     Aborted, AcquisitionPhase, Arm, Bye, CameraError, CameraState, CameraStatus, Caps, ClientMessage, Component,
     ComponentEnd, ComponentKind, Configured, DeviceEvent, ExposureDone, FRAME_BYTES_LIMIT, FetchOk, FetchState,
     FrameBegin, FrameChunk, FrameEnd, FrameFlags, FrameStatus, Greeting, Hello, Pong, Repeated, ServerMessage,
-    TRIGGER_ALL, Trigger, TriggerId, TriggerOk,
+    TRIGGER_ALL, Trigger, TriggerId, TriggerOk, message_name,
 };
 pub use payload::PayloadError;
 pub use picture::Pictures;

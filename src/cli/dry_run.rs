@@ -1,10 +1,10 @@
 //! `bladescan dry-run`: the whole job on the built-in simulated cell.
 
+use super::cell::{cell_options, in_cell};
 use super::files::{beside, builtin_station_with, make_run_dir, plan, read_recipe};
 use super::live_run::{RunJob, Said, runtime};
 use super::{Exit, Failure};
 use crate::controller::Simulation;
-use crate::run::{SimulatedCell, SimulatedError, SimulatedOptions};
 use crate::seed::Seed;
 use crate::settings::Cad;
 use clap::ValueEnum;
@@ -86,19 +86,9 @@ pub(super) fn main(args: Args) -> Result<Exit, Failure> {
         speed: args.speed,
     };
     let dir = make_run_dir(args.out.as_deref(), &recipe.meaning, SystemTime::now())?;
-    let options = SimulatedOptions {
-        seed: args.seed,
-        blade: simulation.blade.clone(),
-        optics: recipe.meaning.camera.optics.name(),
-        surface: simulation.surface.clone(),
-        without: simulation.without.clone(),
-        serial: matches!(args.link, Link::Serial),
-        base_from_camera: station.meaning.base_from_camera,
-        tool_from_blade: station.meaning.tool_from_blade,
-        speed: simulation.speed,
-        truth: dir.join("truth.json"),
-        faults: args.faults,
-    };
+    let (recipe_meaning, station_meaning) = (&recipe.meaning, &station.meaning);
+    let options = cell_options(&simulation, seed, recipe_meaning, station_meaning, &dir, &args.faults);
+    let protocol = station.meaning.robot.protocol;
     let job = RunJob {
         recipe,
         station,
@@ -109,22 +99,14 @@ pub(super) fn main(args: Args) -> Result<Exit, Failure> {
         views: args.views,
         json: args.json,
     };
-    runtime()?.block_on(async {
-        let cell = SimulatedCell::start(&options).await.map_err(|error| {
-            // Nothing was recorded, so the folder just made is empty.
-            std::fs::remove_dir(&dir).ok();
-            match error {
-                SimulatedError::Options(_) => Failure::Usage(error.to_string()),
-                _ => Failure::Broken(error.to_string()),
-            }
-        })?;
-        let exit = match cell.links(job.station.meaning.robot.protocol) {
-            Some(links) => job.carry_out(links, &dir).await,
-            None => Err(Failure::Broken("the simulated cell has no such link".into())),
-        };
-        cell.stop().await;
-        exit
-    })
+    let done = runtime()?.block_on(in_cell(&options, protocol, async |links| {
+        job.carry_out(links, &dir).await
+    }));
+    if done.is_err() {
+        // Where nothing was recorded the folder just made is empty.
+        std::fs::remove_dir(&dir).ok();
+    }
+    done
 }
 
 /// A path that still leads there when another process, elsewhere, starts the cell again.

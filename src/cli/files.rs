@@ -109,7 +109,7 @@ pub(super) fn plan(
 pub(super) fn make_run_dir(out: Option<&Path>, recipe: &Recipe, now: SystemTime) -> Result<PathBuf, Failure> {
     let dir = match out {
         Some(out) => out.to_owned(),
-        None => Path::new("runs").join(format!("{}-{}", recipe.name, compact_utc(now))),
+        None => default_dir(recipe, now),
     };
     if let Some(parent) = dir.parent().filter(|parent| !parent.as_os_str().is_empty()) {
         std::fs::create_dir_all(parent)
@@ -123,6 +123,11 @@ pub(super) fn make_run_dir(out: Option<&Path>, recipe: &Recipe, now: SystemTime)
         _ => Failure::Usage(format!("cannot create {}: {error}", dir.display())),
     })?;
     Ok(dir)
+}
+
+/// `runs/<recipe>-<UTC time>`.
+pub(super) fn default_dir(recipe: &Recipe, now: SystemTime) -> PathBuf {
+    Path::new("runs").join(format!("{}-{}", recipe.name, compact_utc(now)))
 }
 
 /// For example `20261121T120000Z`.

@@ -6,7 +6,7 @@ use crate::controller::{Controller, Header, Simulation};
 use crate::event::Ending;
 use crate::job::sha256;
 use crate::plan::Plan;
-use crate::run::{Console, JournalFile, Links, Live, Outcome, Pool, RobotPlace, pack_file, run};
+use crate::run::{Beginning, Console, JournalFile, Links, Live, Pool, RobotPlace, pack_file, run};
 use crate::seed::Seed;
 use crate::settings::{HostPort, Recipe, RobotAddress, Station, Target};
 use std::net::{SocketAddr, ToSocketAddrs as _};
@@ -18,10 +18,10 @@ use std::time::SystemTime;
 #[derive(Debug, Clone, clap::Args)]
 pub(super) struct Said {
     /// Serial number or name of the part.
-    #[arg(long)]
+    #[arg(long, value_name = "TEXT", value_parser = said)]
     part: Option<String>,
     /// Who runs it.
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", value_parser = said)]
     operator: Option<String>,
 }
 
@@ -59,17 +59,11 @@ pub(super) fn main(args: &Args) -> Result<Exit, Failure> {
     }
     let recipe = read_recipe(&args.recipe)?;
     let station = read_station(&args.station)?;
-    let links = match &station.meaning.target {
-        Target::Simulated => {
-            return Err(Failure::Usage(format!(
-                "{} is the built-in simulated station: use dry-run",
-                args.station.display()
-            )));
-        }
-        Target::SimulatedAt { robot, camera } | Target::Cell { robot, camera } => Links {
-            robot: robot_place(robot)?,
-            camera: resolve(camera)?,
-        },
+    let Some(links) = links_of(&station.meaning)? else {
+        return Err(Failure::Usage(format!(
+            "{} is the built-in simulated station: use dry-run",
+            args.station.display()
+        )));
     };
     let seed = Seed(args.seed);
     let plan = plan(&recipe.meaning, &station.meaning, seed, args.views)?;
@@ -101,13 +95,14 @@ pub(super) struct RunJob {
 }
 
 impl RunJob {
-    /// Runs to the end, packs the recording, tells the person.
+    /// Begins the recording and runs to the end.
     pub(super) async fn carry_out(self, links: Links, dir: &Path) -> Result<Exit, Failure> {
         let started = SystemTime::now();
         let start_unix_ns = started
             .duration_since(SystemTime::UNIX_EPOCH)
             .map_or(0, |since| since.as_nanos() as u64);
         let header = Header {
+            target: target(),
             seed: self.seed,
             run_id: run_id(start_unix_ns),
             recipe: self.recipe.meaning.name.clone(),
@@ -129,14 +124,43 @@ impl RunJob {
         let journal = JournalFile::create(dir, &header, start_unix_ns, &self.recipe.text, &self.station.text)
             .map_err(|error| Failure::Broken(error.to_string()))?;
         let pool = Pool::new().map_err(|error| Failure::Broken(format!("cannot start threads: {error}")))?;
-        let live = Live {
+        let carried = Carried {
             controller: Controller::new(header, &self.recipe.meaning, &self.station.meaning, self.plan),
             journal,
             start_unix_ns,
-            links,
+            beginning: Beginning::default(),
             pool: &pool,
-            commands: operator::listen(console.voice()),
             console: &mut console,
+            json: self.json,
+        };
+        carried.carry_out(links, dir).await
+    }
+}
+
+/// A run, new or not, with its recording open.
+pub(super) struct Carried<'a> {
+    pub(super) controller: Controller,
+    pub(super) journal: JournalFile,
+    pub(super) start_unix_ns: u64,
+    pub(super) beginning: Beginning,
+    pub(super) pool: &'a Pool,
+    pub(super) console: &'a mut Console,
+    pub(super) json: bool,
+}
+
+impl Carried<'_> {
+    /// Runs to the end, packs the recording, tells the person.
+    pub(super) async fn carry_out(self, links: Links, dir: &Path) -> Result<Exit, Failure> {
+        let console = self.console;
+        let live = Live {
+            controller: self.controller,
+            journal: self.journal,
+            start_unix_ns: self.start_unix_ns,
+            beginning: self.beginning,
+            links,
+            pool: self.pool,
+            commands: operator::listen(console.voice()),
+            console: &mut *console,
             dir,
         };
         let outcome = run(live).await;
@@ -155,8 +179,13 @@ impl RunJob {
             outcome.merged_min_count,
             dir.display()
         ));
-        Ok(exit(&outcome))
+        Ok(exit(&outcome.ending, outcome.merged_count, outcome.merged_min_count))
     }
+}
+
+/// What this program was built for.
+pub(super) fn target() -> String {
+    format!("{}-{}", std::env::consts::ARCH, std::env::consts::OS)
 }
 
 /// A name for a new run that no other run has: from the moment and the process.
@@ -173,12 +202,34 @@ pub(super) fn runtime() -> Result<tokio::runtime::Runtime, Failure> {
         .map_err(|error| Failure::Broken(format!("cannot start the event loop: {error}")))
 }
 
-fn exit(outcome: &Outcome) -> Exit {
-    match outcome.ending {
-        Ending::Finished if outcome.merged_count >= outcome.merged_min_count => Exit::Done,
+/// Reads what stands in the files of results: one line that readers of every format take.
+fn said(text: &str) -> Result<String, String> {
+    let text = text.trim();
+    let count = text.chars().count();
+    if count == 0 || count > SAID_CHARACTERS_MAX || text.chars().any(char::is_control) {
+        return Err(format!("give 1 to {SAID_CHARACTERS_MAX} characters in one line"));
+    }
+    Ok(text.to_owned())
+}
+
+/// What the ending means for the caller.
+pub(super) fn exit(ending: &Ending, merged_count: usize, merged_min_count: usize) -> Exit {
+    match ending {
+        Ending::Finished if merged_count >= merged_min_count => Exit::Done,
         Ending::Finished => Exit::Short,
         Ending::Aborted => Exit::Aborted,
         Ending::Faulted { .. } => Exit::Fault,
+    }
+}
+
+/// Where the station's devices are; `None` for the simulated cell that a dry run starts.
+pub(super) fn links_of(station: &Station) -> Result<Option<Links>, Failure> {
+    match &station.target {
+        Target::Simulated => Ok(None),
+        Target::SimulatedAt { robot, camera } | Target::Cell { robot, camera } => Ok(Some(Links {
+            robot: robot_place(robot)?,
+            camera: resolve(camera)?,
+        })),
     }
 }
 
@@ -200,3 +251,5 @@ pub(super) fn resolve(address: &HostPort) -> Result<SocketAddr, Failure> {
         .and_then(|mut found| found.next())
         .ok_or_else(|| Failure::Usage(format!("{address} is not an address this machine can find")))
 }
+
+const SAID_CHARACTERS_MAX: usize = 200;

@@ -1,13 +1,17 @@
 //! The command line: words to actions.
 
 mod camera;
+mod cell;
 mod check;
 mod dry_run;
 mod files;
 mod live_run;
 mod operator;
+mod reconstruct;
+mod recover;
 mod register;
 mod replay;
+mod resume;
 mod robot;
 
 use clap::{Parser, Subcommand};
@@ -33,6 +37,12 @@ enum Command {
         after_help = "Example:\n  bladescan run config/recipes/hpt-blade-a.toml --station config/stations/cell.toml --arm --part SN-0042"
     )]
     Run(live_run::Args),
+    /// Go on with a run that was aborted, stopped by a fault or killed.
+    #[command(after_help = "Example:\n  bladescan resume runs/hpt-blade-a-20261121T120000Z --show")]
+    Resume(resume::Args),
+    /// Make the recording of a killed run whole, packed and indexed.
+    #[command(after_help = "Example:\n  bladescan recover runs/hpt-blade-a-20261121T120000Z/run.mcap")]
+    Recover(recover::Args),
     /// Validate a recipe and print its plan; touches no device.
     #[command(
         after_help = "Example:\n  bladescan check config/recipes/hpt-blade-a.toml --station config/stations/cell.toml"
@@ -41,6 +51,11 @@ enum Command {
     /// Feed a recording to the same code and compare every output bit by bit.
     #[command(after_help = "Example:\n  bladescan replay runs/hpt-blade-a-20261121T120000Z/run.mcap")]
     Replay(replay::Args),
+    /// Register the views of a recording anew, under another recipe and without devices.
+    #[command(
+        after_help = "Example:\n  bladescan reconstruct --from runs/hpt-blade-a-20261121T120000Z/run.mcap --recipe config/recipes/hpt-blade-a.toml"
+    )]
+    Reconstruct(reconstruct::Args),
     /// Register one cloud to another.
     #[command(after_help = "Example:\n  bladescan register view_00.ply view_01.ply --json")]
     Register(register::Args),
@@ -70,8 +85,11 @@ pub fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::DryRun(args) => dry_run::main(args),
         Command::Run(args) => live_run::main(&args),
+        Command::Resume(args) => resume::main(&args),
+        Command::Recover(args) => recover::main(&args),
         Command::Check(args) => check::main(&args),
         Command::Replay(args) => replay::main(&args),
+        Command::Reconstruct(args) => reconstruct::main(&args),
         Command::Register(args) => register::main(&args),
         Command::Robot(args) => robot::main(&args),
         Command::Camera(args) => camera::main(&args),
@@ -116,6 +134,9 @@ enum Failure {
     /// Bad arguments or bad input, in words.
     #[error("{0}")]
     Usage(String),
+    /// A recording that this program does not repeat.
+    #[error("{0}")]
+    Differs(String),
     /// Something went wrong on the way.
     #[error("{0}")]
     Broken(String),
@@ -125,6 +146,7 @@ impl Failure {
     fn exit(&self) -> Exit {
         match self {
             Self::Settings(_) | Self::Read { .. } | Self::Usage(_) => Exit::Usage,
+            Self::Differs(_) => Exit::Differs,
             Self::Broken(_) => Exit::Fault,
         }
     }

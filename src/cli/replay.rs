@@ -50,7 +50,14 @@ pub(super) fn main(args: &Args) -> Result<Exit, Failure> {
                 difference.after_input_count,
                 difference.recorded,
                 difference.replayed
-            ))?,
+            ))
+            .and_then(|()| {
+                print("the inputs before it, the latest last:")?;
+                difference
+                    .inputs_before
+                    .iter()
+                    .try_for_each(|input| print(&format!("  {input}")))
+            })?,
         }
     }
     Ok(if report.identical { Exit::Done } else { Exit::Differs })

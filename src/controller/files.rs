@@ -1,7 +1,7 @@
 //! The files of a run: `poses.json`, `summary.json`, `model.ply`.
 
 use super::backlog::{Backlog, ViewOutcome, ViewRecord};
-use super::header::Header;
+use super::provenance::Provenance;
 use crate::event::Ending;
 use crate::geometry::matrix_rows;
 use crate::geometry::ply::write_ply;
@@ -9,36 +9,31 @@ use crate::stamp::Stamp;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
-/// The files, in the order in which they are written.
-pub(super) fn files(
-    header: &Header,
-    backlog: &Backlog,
-    ending: &Ending,
-    merged_min_count: usize,
-    now: Stamp,
-) -> Vec<(&'static str, Vec<u8>)> {
-    let mut files = Vec::new();
-    let model = backlog.model();
-    if !model.is_empty() {
-        let comments = [
-            "bladescan model: millimetres, frame = camera frame at view 0",
-            if header.simulated {
-                "SIMULATED: nothing was measured"
-            } else {
-                "measured"
-            },
-        ];
-        files.push(("model.ply", write_ply(&model.cloud(), &comments)));
-    }
-    files.push(("poses.json", text(&poses(backlog.views()))));
-    files.push((
-        "summary.json",
-        text(&summary(header, backlog, ending, merged_min_count, now)),
-    ));
-    files
+/// What the files tell of.
+pub(super) struct Decided<'a> {
+    pub(super) provenance: &'a Provenance,
+    pub(super) backlog: &'a Backlog,
+    pub(super) ending: &'a Ending,
+    pub(super) merged_min_count: usize,
 }
 
-fn poses(views: &[ViewRecord]) -> Value {
+impl Decided<'_> {
+    /// The files, in the order in which they are written.
+    pub(super) fn files(&self, now: Stamp) -> Vec<(&'static str, Vec<u8>)> {
+        let mut files = Vec::new();
+        let model = self.backlog.model();
+        if !model.is_empty() {
+            let comments = self.provenance.comments();
+            let comments: Vec<&str> = comments.iter().map(String::as_str).collect();
+            files.push(("model.ply", write_ply(&model.cloud(), &comments)));
+        }
+        files.push(("poses.json", text(&poses(self.provenance, self.backlog.views()))));
+        files.push(("summary.json", text(&summary(self, now))));
+        files
+    }
+}
+
+fn poses(provenance: &Provenance, views: &[ViewRecord]) -> Value {
     let views: Vec<Value> = views
         .iter()
         .enumerate()
@@ -53,10 +48,12 @@ fn poses(views: &[ViewRecord]) -> Value {
             })
         })
         .collect();
-    json!({ "frame": "view_0", "views": views })
+    json!({ "frame": "view_0", "run": provenance.value(), "views": views })
 }
 
-fn summary(header: &Header, backlog: &Backlog, ending: &Ending, merged_min_count: usize, now: Stamp) -> Value {
+fn summary(decided: &Decided<'_>, now: Stamp) -> Value {
+    let backlog = decided.backlog;
+    let header = decided.provenance.header();
     let views = backlog.views();
     let count = |wanted: &str| views.iter().filter(|view| status(&view.outcome).0 == wanted).count();
     let mut stages: BTreeMap<&str, u64> = BTreeMap::new();
@@ -81,11 +78,12 @@ fn summary(header: &Header, backlog: &Backlog, ending: &Ending, merged_min_count
         "simulated": header.simulated,
         "seed": header.seed.0,
         "versions": { "bladescan": header.version, "target": header.target },
-        "ending": ending,
+        "run": decided.provenance.value(),
+        "ending": decided.ending,
         "counts": {
             "planned": views.len(),
             "merged": count("merged"),
-            "merged_min": merged_min_count,
+            "merged_min": decided.merged_min_count,
             "discarded": count("discarded"),
             "missing": count("missing"),
             "model_points": backlog.model().len(),
@@ -128,7 +126,7 @@ fn seconds(ns: u64) -> f64 {
     ns as f64 * 1e-9
 }
 
-fn text(value: &Value) -> Vec<u8> {
+pub(super) fn text(value: &Value) -> Vec<u8> {
     let mut bytes = serde_json::to_vec_pretty(value).expect("a JSON value always has a text");
     bytes.push(b'\n');
     bytes

@@ -56,11 +56,11 @@ pub struct Simulation {
 }
 
 impl Default for Header {
-    /// A simulated run of this version without names, for those who set the rest.
+    /// A simulated run of this version, of nothing and nobody, for those who set the rest.
     fn default() -> Self {
         Self {
             version: env!("CARGO_PKG_VERSION").into(),
-            target: format!("{}-{}", std::env::consts::ARCH, std::env::consts::OS),
+            target: String::new(),
             seed: Seed(1),
             run_id: run_id_of_old(),
             recipe: String::new(),

@@ -5,11 +5,17 @@
 
 mod backlog;
 mod check;
+mod evidence;
+mod exchanges;
 mod files;
 mod header;
+mod provenance;
+mod reconstruct;
 
 pub use backlog::{ViewOutcome, ViewRecord};
 pub use header::{Header, Simulation};
+pub use provenance::Source;
+pub use reconstruct::{Outside, Reconstructed, Reconstruction};
 
 pub use crate::session::Command;
 
@@ -26,7 +32,9 @@ use crate::settings::{Recipe, Station};
 use crate::stamp::Stamp;
 use backlog::Backlog;
 use check::{GripCheck, Verdict};
+use evidence::Evidence;
 use nalgebra::Isometry3;
+use provenance::Provenance;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -155,7 +163,8 @@ pub enum Output {
 /// A run.
 #[derive(Debug)]
 pub struct Controller {
-    header: Header,
+    provenance: Provenance,
+    evidence: Evidence,
     plan: Plan,
     session: Session,
     backlog: Backlog,
@@ -175,7 +184,8 @@ impl Controller {
             session: Session::new(recipe, station, plan.views(), header.run_id, header.seed),
             backlog: Backlog::new(recipe, station, plan.views(), header.seed),
             check: GripCheck::new(recipe, station, header.seed),
-            header,
+            provenance: Provenance::new(header, station),
+            evidence: Evidence::default(),
             plan,
             begun: false,
             over: false,
@@ -190,6 +200,8 @@ impl Controller {
         if self.over && !matches!(input, Input::Restarted { .. }) {
             return;
         }
+        let queued_count = self.outputs.len();
+        self.evidence.note_input(now, &input);
         match input {
             Input::Begin => self.begin(now),
             Input::Wake => self.session.handle_wake(now),
@@ -218,6 +230,10 @@ impl Controller {
             }
         }
         self.proceed(now);
+        self.note_outputs(now, queued_count);
+        if self.session.is_over() && self.backlog.is_idle() && self.unkept.is_empty() {
+            self.conclude(now);
+        }
     }
 
     /// When [`Input::Wake`] is due.
@@ -251,6 +267,11 @@ impl Controller {
         self.backlog.views()
     }
 
+    /// The views that are still to be taken, in the order in which they will be.
+    pub fn left(&self) -> Vec<usize> {
+        self.session.left()
+    }
+
     /// How many views must be merged for the run to count as done.
     pub fn merged_min_count(&self) -> usize {
         self.plan.merged_min_count()
@@ -262,8 +283,8 @@ impl Controller {
         }
         self.begun = true;
         self.outputs.push_back(Output::Event(Event::Started {
-            recipe: self.header.recipe.clone(),
-            station: self.header.station.clone(),
+            recipe: self.provenance.header().recipe.clone(),
+            station: self.provenance.header().station.clone(),
             view_count: self.plan.views().len(),
         }));
         self.session.begin(now);
@@ -284,7 +305,7 @@ impl Controller {
         self.outputs.push_back(Output::Event(Event::Restarted {
             version,
             taken_count: self.backlog.taken_count(),
-            left_count: self.session.left_count(),
+            left_count: self.session.left().len(),
         }));
         self.session.begin(now);
     }
@@ -360,8 +381,15 @@ impl Controller {
                 break;
             }
         }
-        if self.session.is_over() && self.backlog.is_idle() && self.unkept.is_empty() {
-            self.conclude(now);
+    }
+
+    /// What is new in the queue is seen by those who only watch.
+    fn note_outputs(&mut self, now: Stamp, queued_count: usize) {
+        for output in self.outputs.iter().skip(queued_count) {
+            if let Output::Event(event) = output {
+                self.provenance.note(event);
+            }
+            self.evidence.note_output(now, output);
         }
     }
 
@@ -437,7 +465,16 @@ impl Controller {
         if !model.is_empty() {
             self.outputs.push_back(Output::Model(model.clone()));
         }
-        for (name, bytes) in files::files(&self.header, &self.backlog, &ending, self.plan.merged_min_count(), now) {
+        let decided = files::Decided {
+            provenance: &self.provenance,
+            backlog: &self.backlog,
+            ending: &ending,
+            merged_min_count: self.plan.merged_min_count(),
+        };
+        let mut files = decided.files(now);
+        let evidence = self.evidence.take(&ending, &self.provenance.value());
+        files.extend(evidence.map(|value| ("fault.json", files::text(&value))));
+        for (name, bytes) in files {
             self.outputs.push_back(Output::File { name, bytes });
         }
         self.outputs.push_back(Output::Event(Event::Ended { ending }));

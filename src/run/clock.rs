@@ -8,23 +8,36 @@ use tokio::time::Instant;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Clock {
     began: Instant,
+    /// What it showed then.
+    shown: u64,
 }
 
 impl Clock {
     pub(super) fn start() -> Self {
-        Self { began: Instant::now() }
+        Self::start_at(Stamp::START)
+    }
+
+    /// A clock that shows `now` now.
+    pub(super) fn start_at(now: Stamp) -> Self {
+        Self {
+            began: Instant::now(),
+            shown: now.ns,
+        }
     }
 
     pub(super) fn now(self) -> Stamp {
         Stamp {
-            ns: self.began.elapsed().as_nanos() as u64,
+            ns: self.shown + self.began.elapsed().as_nanos() as u64,
         }
     }
 
     /// Ends at that stamp; without one never.
     pub(super) async fn sleep_until(self, wake: Option<Stamp>) {
         match wake {
-            Some(stamp) => tokio::time::sleep_until(self.began + Duration::from_nanos(stamp.ns)).await,
+            Some(stamp) => {
+                let later = stamp.ns.saturating_sub(self.shown);
+                tokio::time::sleep_until(self.began + Duration::from_nanos(later)).await;
+            }
             None => std::future::pending().await,
         }
     }

@@ -1,5 +1,6 @@
 //! Progress for the person at the terminal: bars where there is one, plain lines elsewhere.
 
+use crate::controller::Output;
 use crate::event::{Ending, Event};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use std::io::{IsTerminal as _, Write as _};
@@ -57,8 +58,27 @@ impl Console {
             (None, _) if is_worth_a_line(event) || important => line(&event.words()),
             (None, _) => {}
         }
+        if let Event::Faulted { fault } = event {
+            self.say(&format!("  Do: {}", fault.code.remedy()));
+            self.say(&format!("  Back: {}", fault.code.way_back().words()));
+        }
         if matches!(event, Event::Held) {
             self.say("HELD. With Enter, r: resume   s: one view, then held again   a: abort   Ctrl-C: abort");
+        }
+    }
+
+    /// Shows on the bar, without a word, what happened before the run goes on.
+    pub fn show_past(&mut self, output: &Output) {
+        if let (Some(bars), Output::Event(event)) = (&self.bars, output) {
+            bars.show_past(event);
+        }
+    }
+
+    /// Says what begins: work on this many views.
+    pub fn begin(&self, text: &str, view_count: usize) {
+        self.say(text);
+        if let Some(bars) = &self.bars {
+            bars.run.set_length(view_count as u64);
         }
     }
 
@@ -122,6 +142,17 @@ impl Bars {
         }
     }
 
+    fn show_past(&self, event: &Event) {
+        match event {
+            Event::Started { view_count, .. } => {
+                self.run.set_length(*view_count as u64);
+                self.run.set_message("going through the recording");
+            }
+            Event::ViewMerged { .. } | Event::ViewDiscarded { .. } | Event::ViewMissing { .. } => self.run.inc(1),
+            _ => {}
+        }
+    }
+
     fn step(&self, done: u64, event: &Event) {
         self.view.set_position(done);
         self.view.set_message(event.words());
@@ -149,6 +180,8 @@ fn is_worth_a_line(event: &Event) -> bool {
         | Event::HoldAsked { .. }
         | Event::Held
         | Event::Resumed
+        | Event::Restarted { .. }
+        | Event::GripChecked { .. }
         | Event::AbortAsked
         | Event::Faulted { .. }
         | Event::Noted { .. } => true,

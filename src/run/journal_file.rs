@@ -1,9 +1,9 @@
 //! The recording's file: locked while it is written, by a thread of its own; another puts it on the disk.
 
 use super::journalled::{Journal, Progress};
-use super::recording_file::{self, FileError};
+use super::recording_file::{self, FileError, RecordingFile};
 use crate::controller::Header;
-use crate::journal::{Record, Writer};
+use crate::journal::{Record, Recording, Writer};
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
@@ -86,6 +86,31 @@ impl JournalFile {
         again.sync_all().map_err(created)?;
         recording_file::sync_folder_of(&path).map_err(created)?;
         Self::go_on(path.clone(), writer, again)
+    }
+
+    /// Goes on with a recording that was read from `file`. Its history is written word for word into a new file beside it, without
+    /// chunks, and `unwritten` behind it; then that takes its place, and what is recorded from here on follows.
+    ///
+    /// # Errors
+    /// When the new file cannot be written; the old one is untouched then.
+    pub fn resume(file: RecordingFile, recording: &Recording<'_>, unwritten: &[Record]) -> Result<Self, JournalError> {
+        let path = file.path().to_owned();
+        let beside = path.with_extension("mcap.resuming");
+        let created = |source| JournalError::Create {
+            path: beside.clone(),
+            source,
+        };
+        let new = File::create(&beside).map_err(created)?;
+        recording_file::lock(&new, &beside)?;
+        let again = new.try_clone().map_err(created)?;
+        let history = recording
+            .copied(BufWriter::new(new), unwritten)
+            .map_err(|error| JournalError::Write(error.to_string()))?;
+        again.sync_all().map_err(created)?;
+        std::fs::rename(&beside, &path).map_err(created)?;
+        recording_file::sync_folder_of(&path).map_err(created)?;
+        drop(file);
+        Self::go_on(path, history, again)
     }
 
     /// Goes on writing a recording. `file` is the locked file that `writer` writes on.

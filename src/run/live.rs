@@ -6,14 +6,18 @@ use super::datagrams::DATAGRAM_BYTES;
 use super::journal_file::{JournalError, JournalFile};
 use super::journalled::Journalled;
 use super::pool::Pool;
+use super::recording_file::FileError;
 use super::robot_wire::RobotWire;
+use super::run_dir;
 use super::wires::{self, Place};
 use crate::camera::CameraOutput;
 use crate::controller::{Command, Controller, Input, Output};
 use crate::event::Ending;
+use crate::job::FinishedJob;
 use crate::robot::RobotOutput;
-use std::fs::OpenOptions;
-use std::io::{self, Write as _};
+use crate::stamp::Stamp;
+use std::collections::BTreeMap;
+use std::io;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -58,10 +62,34 @@ pub struct Live<'a> {
     pub pool: &'a Pool,
     /// The operator's words.
     pub commands: mpsc::Receiver<Command>,
+    /// What happens first, and when.
+    pub beginning: Beginning,
     /// Where progress is shown.
     pub console: &'a mut Console,
     /// The run's folder.
     pub dir: &'a Path,
+}
+
+/// How a run begins, or goes on.
+#[derive(Debug)]
+pub struct Beginning {
+    /// The first input.
+    pub input: Input,
+    /// When that is.
+    pub at: Stamp,
+    /// Jobs that have ended and were not handed back yet.
+    pub done: BTreeMap<u32, FinishedJob>,
+}
+
+impl Default for Beginning {
+    /// A new run.
+    fn default() -> Self {
+        Self {
+            input: Input::Begin,
+            at: Stamp::START,
+            done: BTreeMap::new(),
+        }
+    }
 }
 
 /// How it went.
@@ -88,13 +116,8 @@ pub enum LiveError {
     #[error("cannot open a socket: {0}")]
     Socket(io::Error),
     /// A file of the run.
-    #[error("cannot write {path}: {source}")]
-    File {
-        /// Which file.
-        path: PathBuf,
-        /// The system's words.
-        source: io::Error,
-    },
+    #[error("cannot write {0}")]
+    File(FileError),
     /// The recording, at its end.
     #[error(transparent)]
     Journal(#[from] JournalError),
@@ -135,11 +158,12 @@ pub async fn run(live: Live<'_>) -> Result<Outcome, LiveError> {
         links,
         pool,
         commands,
+        beginning,
         console,
         dir,
     } = live;
     let shell = Shell {
-        clock: Clock::start(),
+        clock: Clock::start_at(beginning.at),
         journalled: Journalled::new(controller, journal, start_unix_ns),
         robot,
         camera: CameraWire::default(),
@@ -152,7 +176,10 @@ pub async fn run(live: Live<'_>) -> Result<Outcome, LiveError> {
         summary: Vec::new(),
         file_error: None,
     };
-    shell.run(commands, stream_news, finished_jobs).await
+    for (job_id, done) in beginning.done {
+        shell.finished.send(Input::JobDone { job_id, done }).ok();
+    }
+    shell.run(beginning.input, commands, stream_news, finished_jobs).await
 }
 
 struct Shell<'a> {
@@ -183,12 +210,13 @@ enum News {
 impl Shell<'_> {
     async fn run(
         mut self,
+        first: Input,
         mut commands: mpsc::Receiver<Command>,
         mut stream_news: mpsc::Receiver<Input>,
         mut finished_jobs: mpsc::UnboundedReceiver<Input>,
     ) -> Result<Outcome, LiveError> {
         let mut journal_news = self.journalled.journal().news();
-        self.handle(News::Input(Input::Begin)).await;
+        self.handle(News::Input(first)).await;
         let mut datagram = vec![0u8; DATAGRAM_BYTES];
         while !self.journalled.controller().is_over() {
             let wake = self.journalled.wake_at();
@@ -282,16 +310,8 @@ impl Shell<'_> {
     }
 }
 
-fn write_new(path: &Path, bytes: &[u8]) -> Result<(), LiveError> {
-    let write = || {
-        let mut file = OpenOptions::new().write(true).create_new(true).open(path)?;
-        file.write_all(bytes)?;
-        file.sync_all()
-    };
-    write().map_err(|source| LiveError::File {
-        path: path.to_owned(),
-        source,
-    })
+pub(super) fn write_new(path: &Path, bytes: &[u8]) -> Result<(), LiveError> {
+    run_dir::write_new(path, bytes).map_err(LiveError::File)
 }
 
 const NEWS_MAX: usize = 32;

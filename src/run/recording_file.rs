@@ -80,18 +80,25 @@ pub(super) fn sync_folder_of(path: &Path) -> io::Result<()> {
 /// Packs a finished recording: written beside, then renamed over it. The one way a file of a run ever changes.
 /// What an earlier attempt left beside it is replaced.
 pub fn pack_file(path: &Path) -> Result<(), PackError> {
-    let mut recording = RecordingFile::open(path)?;
-    let bytes = recording.read()?;
+    let mut file = RecordingFile::open(path)?;
+    let bytes = file.read()?;
+    pack_open(&file, &Recording::open(&bytes)?).map(|_| ())
+}
+
+/// Packs `recording`, which was read from `file`. Returns its new size in bytes.
+pub(super) fn pack_open(file: &RecordingFile, recording: &Recording<'_>) -> Result<u64, PackError> {
+    let path = file.path();
     let beside = path.with_extension("mcap.packing");
     let file = File::create(&beside).map_err(|source| io_error(&beside, source))?;
-    let packed = pack(&Recording::open(&bytes)?, BufWriter::new(file))?;
+    let packed = pack(recording, BufWriter::new(file))?;
     let file = packed
         .into_inner()
         .map_err(|error| io_error(&beside, error.into_error()))?;
     file.sync_all().map_err(|source| io_error(&beside, source))?;
+    let bytes = file.metadata().map_err(|source| io_error(&beside, source))?.len();
     std::fs::rename(&beside, path).map_err(|source| io_error(path, source))?;
     sync_folder_of(path).map_err(|source| io_error(path, source))?;
-    Ok(())
+    Ok(bytes)
 }
 
 /// Why packing failed; the unpacked recording is untouched.
@@ -105,7 +112,7 @@ pub enum PackError {
     Recording(#[from] ReadError),
 }
 
-fn io_error(path: &Path, source: io::Error) -> FileError {
+pub(super) fn io_error(path: &Path, source: io::Error) -> FileError {
     FileError::Io {
         path: path.to_owned(),
         source,

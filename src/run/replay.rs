@@ -2,7 +2,7 @@
 
 use super::pool::Pool;
 use crate::controller::{Controller, Input, Output};
-use crate::job::FinishedJob;
+use crate::job::{FinishedJob, hex, sha256};
 use crate::journal::{InputMemo, ReadError, Record, Recording, Topic, input_record, output_records, read_input};
 use crate::plan::{Plan, PlanError};
 use crate::settings::{Recipe, SettingsError, Station};
@@ -46,6 +46,8 @@ pub struct Difference {
     pub replayed: String,
     /// How many inputs had been fed.
     pub after_input_count: usize,
+    /// The last of them, the latest at the end.
+    pub inputs_before: Vec<String>,
 }
 
 /// Why a recording cannot be replayed at all.
@@ -83,11 +85,20 @@ pub struct Rebuilt {
 /// Feeds a recording to the same code and compares. Stops at the first difference.
 pub fn replay(recording: &Recording<'_>, pool: &Pool) -> Result<ReplayReport, ReplayError> {
     let mut unseen = |_: &Output| ();
-    let mut replayer = feed(recording, pool, &mut unseen)?;
+    let mut replayer = feed(recording, pool, Compared::All, &mut unseen)?;
     if replayer.report.difference.is_none() {
         replayer.finish();
     }
     Ok(replayer.report)
+}
+
+/// Feeds the inputs of a recording to the same code without comparing anything: its frames come again even where this version's
+/// numbers are others. `on_output` sees what follows.
+///
+/// # Errors
+/// When it is no recording of a run, or its recipe or station cannot be read.
+pub fn refeed(recording: &Recording<'_>, pool: &Pool, on_output: &mut dyn FnMut(&Output)) -> Result<(), ReplayError> {
+    feed(recording, pool, Compared::Nothing, on_output).map(|_| ())
 }
 
 /// Feeds a recording to the same code, so that the run can go on where the recording ends. `on_output` sees what follows.
@@ -99,7 +110,7 @@ pub fn rebuild(
     pool: &Pool,
     on_output: &mut dyn FnMut(&Output),
 ) -> Result<Rebuilt, ReplayError> {
-    let replayer = feed(recording, pool, on_output)?;
+    let replayer = feed(recording, pool, Compared::All, on_output)?;
     match replayer.report.difference {
         Some(difference) => Err(ReplayError::Differs(Box::new(difference))),
         None => Ok(Rebuilt {
@@ -115,6 +126,7 @@ pub fn rebuild(
 fn feed<'a>(
     recording: &Recording<'_>,
     pool: &'a Pool,
+    compared: Compared,
     on_output: &'a mut dyn FnMut(&Output),
 ) -> Result<Replayer<'a>, ReplayError> {
     let header = recording.header().clone();
@@ -128,10 +140,12 @@ fn feed<'a>(
     let mut replayer = Replayer {
         controller: Controller::new(header, &recipe, &station, plan),
         pool,
+        compared,
         on_output,
         start_unix_ns: recording.start_unix_ns(),
         expected: VecDeque::new(),
         done: BTreeMap::new(),
+        inputs: VecDeque::new(),
         last: Stamp::START,
         files: BTreeMap::new(),
         report: ReplayReport {
@@ -153,15 +167,25 @@ fn feed<'a>(
     Ok(replayer)
 }
 
+/// How much of a replay is compared with the recording.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Compared {
+    All,
+    Nothing,
+}
+
 struct Replayer<'a> {
     controller: Controller,
     pool: &'a Pool,
+    compared: Compared,
     on_output: &'a mut dyn FnMut(&Output),
     start_unix_ns: u64,
     /// What the replay says must come next.
     expected: VecDeque<Record>,
     /// Jobs done again whose end the recording has not reached yet.
     done: BTreeMap<u32, FinishedJob>,
+    /// The last few inputs.
+    inputs: VecDeque<Record>,
     /// When the last record was made.
     last: Stamp,
     files: BTreeMap<&'static str, Vec<u8>>,
@@ -172,6 +196,10 @@ impl Replayer<'_> {
     /// Takes the next record; false at the first difference.
     fn take(&mut self, record: Record) -> bool {
         self.last = self.last.max(record.stamp);
+        let is_compared = self.compared == Compared::All;
+        if !record.topic.is_input() && !is_compared {
+            return true;
+        }
         if !record.topic.is_input() {
             self.report.output_count += 1;
             return match self.expected.pop_front() {
@@ -187,13 +215,13 @@ impl Replayer<'_> {
             Some(InputMemo::Whole(input)) => input,
             Some(InputMemo::JobDone { job_id, times }) => {
                 let Some(done) = self.done.remove(&job_id) else {
-                    return self.differ(Some(&record), None);
+                    return !is_compared || self.differ(Some(&record), None);
                 };
                 // How long it took is an input, what came of it is not: the record has its digest.
                 let done = FinishedJob { times, ..done };
                 let input = Input::JobDone { job_id, done };
                 let again = input_record(record.stamp, &input);
-                if again != record {
+                if is_compared && again != record {
                     return self.differ(Some(&record), Some(&again));
                 }
                 input
@@ -201,10 +229,15 @@ impl Replayer<'_> {
             None => return self.differ(Some(&record), None),
         };
         self.report.input_count += 1;
+        if self.inputs.len() == INPUTS_SHOWN {
+            self.inputs.pop_front();
+        }
         self.controller.handle_input(record.stamp, input);
         while let Some(output) = self.controller.poll_output() {
-            self.expected
-                .extend(output_records(record.stamp, &output, self.start_unix_ns));
+            if is_compared {
+                self.expected
+                    .extend(output_records(record.stamp, &output, self.start_unix_ns));
+            }
             (self.on_output)(&output);
             match output {
                 Output::Job { job_id, job } => {
@@ -217,6 +250,7 @@ impl Replayer<'_> {
                 _ => {}
             }
         }
+        self.inputs.push_back(record);
         true
     }
 
@@ -239,6 +273,7 @@ impl Replayer<'_> {
             recorded: words(recorded),
             replayed: words(replayed),
             after_input_count: self.report.input_count,
+            inputs_before: self.inputs.iter().map(|record| words(Some(record))).collect(),
         });
         false
     }
@@ -250,11 +285,18 @@ fn words(record: Option<&Record>) -> String {
     };
     let text = match record.topic {
         Topic::Input | Topic::Output | Topic::Event => String::from_utf8_lossy(&record.payload).into_owned(),
-        _ => format!(
-            "{} bytes, sha256 {}",
-            record.payload.len(),
-            crate::job::sha256(&record.payload)
-        ),
+        _ => {
+            let shown = &record.payload[..record.payload.len().min(BYTES_SHOWN)];
+            let rest = if shown.len() < record.payload.len() {
+                format!("..., sha256 {}", sha256(&record.payload))
+            } else {
+                String::new()
+            };
+            format!("{} bytes {}{rest}", record.payload.len(), hex(shown))
+        }
     };
     format!("{} at {:.6} s: {text}", record.topic.name(), record.stamp.seconds())
 }
+
+const INPUTS_SHOWN: usize = 8;
+const BYTES_SHOWN: usize = 64;

@@ -27,6 +27,7 @@ impl Session {
             attempt,
             valid_count: capture.valid_count,
             saturated_count: capture.saturated_count,
+            base_from_tool: standing.base_from_tool,
         });
         let captured = Captured {
             view_index,

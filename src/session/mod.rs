@@ -201,10 +201,13 @@ impl Session {
         self.targets.is_empty() && self.awaited.is_none() && self.check == Check::No
     }
 
-    /// How many views are still to be taken, or their frames still to come.
-    pub fn left_count(&self) -> usize {
-        let to_take = self.targets.iter().filter(|target| !target.is_check()).count();
-        to_take + usize::from(self.awaited.is_some())
+    /// The views that are still to be taken, or whose frames are still to come.
+    pub fn left(&self) -> Vec<usize> {
+        let awaited = self.awaited.map(|standing| standing.target).or(self.cut_off);
+        let all = awaited.iter().chain(&self.targets);
+        all.filter(|target| !target.is_check())
+            .map(|target| target.view_index)
+            .collect()
     }
 
     /// How the run ends, once that is decided.

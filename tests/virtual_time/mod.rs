@@ -1,6 +1,7 @@
 //! Whole runs on virtual time: the controller and the simulated cell exchange bytes without a socket, a thread or a sleep.
 
 mod camera;
+mod codes;
 mod restart;
 mod words;
 
@@ -92,8 +93,15 @@ impl Pair {
     }
 
     fn with_recipe(recipe_text: &str, view_count: usize, faults: &[&str], loss: f64, seed: u64) -> Self {
+        let texts = (recipe_text, Station::BUILTIN_SIMULATED_TEXT);
+        Self::with_texts(texts, view_count, faults, loss, seed)
+    }
+
+    /// With a recipe and a station of its own.
+    fn with_texts(texts: (&str, &str), view_count: usize, faults: &[&str], loss: f64, seed: u64) -> Self {
+        let (recipe_text, station_text) = texts;
         let recipe = Recipe::parse("small.toml", recipe_text).unwrap();
-        let station = Station::builtin_simulated();
+        let station = Station::parse("station.toml", station_text).unwrap();
         let views = NonZeroUsize::new(view_count).unwrap();
         let plan = Plan::new(&recipe, &station, Seed(seed)).unwrap().truncated(views);
         let header = Header {
@@ -112,14 +120,7 @@ impl Pair {
             ..Scene::default()
         };
         let out = Cursor::new(Vec::new());
-        let journal = Writer::begin(
-            out,
-            &header,
-            START_UNIX_NS,
-            recipe_text,
-            Station::BUILTIN_SIMULATED_TEXT,
-        )
-        .unwrap();
+        let journal = Writer::begin(out, &header, START_UNIX_NS, recipe_text, station_text).unwrap();
         Self {
             renderer: Renderer::new(&Builtin::HptA.mesh(), scene.surface).unwrap(),
             cell: Cell::new(scene),

@@ -54,3 +54,37 @@ impl Field for TriggerId {
 
 /// The id that stands for "none" and "all".
 pub const TRIGGER_ALL: u64 = u64::MAX;
+
+/// The name of a type of message, as the page has it (section 4).
+pub fn message_name(kind: u16) -> &'static str {
+    match kind {
+        0x01 => "HELLO",
+        0x02 => "HELLO_OK",
+        0x03 => "GET_CAPS",
+        0x04 => "CAPS",
+        0x10 => "CONFIGURE",
+        0x11 => "CONFIGURED",
+        0x12 => "ARM",
+        0x13 => "DISARM",
+        0x14 => "ARMED",
+        0x15 => "DISARMED",
+        0x20 => "TRIGGER",
+        0x21 => "TRIGGER_OK",
+        0x22 => "EXPOSURE_DONE",
+        0x30 => "FRAME_BEGIN",
+        0x31 => "FRAME_CHUNK",
+        0x32 => "FRAME_END",
+        0x33 => "FETCH",
+        0x34 => "FETCH_OK",
+        0x40 => "ABORT",
+        0x41 => "ABORTED",
+        0x50 => "GET_STATUS",
+        0x51 => "STATUS",
+        0x52 => "EVENT",
+        0x60 => "PING",
+        0x61 => "PONG",
+        0x70 => "ERROR",
+        0x7F => "BYE",
+        _ => "unknown type",
+    }
+}

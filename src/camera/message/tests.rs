@@ -383,3 +383,23 @@ fn a_whole_vector_is_its_message_in_a_frame() {
     };
     assert_eq!(FrameWriter::default().write(&frame), bytes);
 }
+
+#[test]
+fn every_type_has_the_name_that_the_page_gives_it() {
+    let page = include_str!("../../../docs/protocols/camera.md");
+    let mut found = Vec::new();
+    for row in page.lines() {
+        let cells: Vec<&str> = row.split('|').map(str::trim).collect();
+        let ["", number, name, "client" | "server" | "either", ..] = cells[..] else {
+            continue;
+        };
+        let number = number.strip_prefix("0x").unwrap();
+        let kind = u16::from_str_radix(number, 16).unwrap();
+        assert_eq!(message_name(kind), name);
+        found.push(kind);
+    }
+    let named: Vec<u16> = (0..=u16::MAX)
+        .filter(|&kind| message_name(kind) != "unknown type")
+        .collect();
+    assert_eq!(found, named);
+}

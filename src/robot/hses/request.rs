@@ -104,6 +104,33 @@ pub fn request(command: &Command, id: u8) -> Result<Request, RequestError> {
     })
 }
 
+/// What a datagram of ours asks for, in the words of the page, as far as its command number says it.
+pub fn request_name(datagram: &[u8]) -> &'static str {
+    let [Some(low), Some(high), Some(instance)] = [24, 25, 26].map(|at| datagram.get(at)) else {
+        return "too short for a request";
+    };
+    match (u16::from_le_bytes([*low, *high]), instance) {
+        (0x70, _) => "alarm",
+        (0x71, _) => "alarm history",
+        (0x72, _) => "status",
+        (0x73, _) => "executing job",
+        (0x75, _) => "position",
+        (0x78 | 0x300, _) => "signals",
+        (0x79 | 0x301, _) => "registers",
+        (0x7A..=0x7F | 0x302..=0x307, _) => "variables",
+        (0x82, _) => "reset",
+        (0x83, 1) => "hold",
+        (0x83, _) => "servo",
+        (0x84, _) => "cycle",
+        (0x85, _) => "text on the pendant",
+        (0x86, _) => "start",
+        (0x87, _) => "job select",
+        (0x89, _) => "system information",
+        (0x8A | 0x8B, _) => "move",
+        _ => "another command",
+    }
+}
+
 /// How many variables of a kind one request carries (section 5 of the page).
 pub fn values_max(kind: VariableKind) -> usize {
     usize::from(layout(kind).count_max)

@@ -232,6 +232,11 @@ impl FileAnswer {
     }
 }
 
+/// Whether these bytes begin a frame.
+pub fn is_frame(bytes: &[u8]) -> bool {
+    bytes.starts_with(IDENTIFIER)
+}
+
 /// What the answers of both ports have before their data.
 struct Header {
     division: u8,
