@@ -6,6 +6,7 @@ mod bsc;
 mod camera;
 mod camera_faults;
 mod cases;
+mod chaos;
 mod cleaning;
 mod doubt;
 mod frames;
@@ -64,6 +65,8 @@ enum Command {
     CameraFaults(camera_faults::CameraFaultsArguments),
     /// Kills real runs at random instants, resumes them, and looks for what is lost or moved twice.
     Processes(processes::ProcessesArguments),
+    /// Makes whole runs in which anything may go wrong, and takes them up again.
+    Chaos(chaos::ChaosArguments),
     /// Times the parts that have a budget, on generated data.
     Speed,
 }
@@ -86,6 +89,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Command::Camera(arguments) => camera::run(&arguments),
         Command::CameraFaults(arguments) => camera_faults::run(&arguments),
         Command::Processes(arguments) => processes::run(&arguments),
+        Command::Chaos(arguments) => chaos::run(&arguments),
         Command::Speed => speed::run(),
     }
 }

@@ -1,8 +1,8 @@
 //! Whole runs against a camera that goes wrong, many times: nothing wrong may become data, and every run ends.
 
-mod judge;
-mod run;
-mod setup;
+pub(crate) mod judge;
+pub(crate) mod run;
+pub(crate) mod setup;
 mod sockets;
 mod virtual_time;
 

@@ -49,20 +49,20 @@ pub(super) struct Outcome {
 
 /// Renders each acquisition once, however many runs see it.
 #[derive(Debug)]
-pub(super) struct Darkroom {
+pub(crate) struct Darkroom {
     renderer: Renderer,
     frames: Mutex<BTreeMap<u64, (RenderJob, Arc<Frame>)>>,
 }
 
 impl Darkroom {
-    pub(super) fn new(renderer: Renderer) -> Self {
+    pub(crate) fn new(renderer: Renderer) -> Self {
         Self {
             renderer,
             frames: Mutex::default(),
         }
     }
 
-    pub(super) fn frame(&self, job: &RenderJob) -> Frame {
+    pub(crate) fn frame(&self, job: &RenderJob) -> Frame {
         let known = self.frames.lock().ok().and_then(|frames| {
             let (before, frame) = frames.get(&job.draws.trigger_id)?;
             (RenderJob {

@@ -16,9 +16,9 @@ pub(super) struct Setup {
 
 /// How long what lasts may last, s.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Spans {
-    pub(super) reset_s: f64,
-    pub(super) other_max_s: f64,
+pub(crate) struct Spans {
+    pub(crate) reset_s: f64,
+    pub(crate) other_max_s: f64,
 }
 
 /// The run of this seed.
@@ -55,7 +55,7 @@ pub(super) fn each_alone(spans: Spans) -> Vec<Setup> {
         .collect()
 }
 
-fn draw_fault(chance: &mut ChaCha8Rng, spans: Spans) -> Fault {
+pub(crate) fn draw_fault(chance: &mut ChaCha8Rng, spans: Spans) -> Fault {
     if chance.random::<f64>() < OF_RUN_FRACTION {
         return match chance.random_range(0..8) {
             0 => Fault::ConfigEcho,
@@ -92,7 +92,7 @@ fn round(span_s: f64) -> f64 {
 }
 
 /// Name and phase of a fault, for a table.
-pub(super) fn row(fault: &Fault) -> (String, Option<Phase>) {
+pub(crate) fn row(fault: &Fault) -> (String, Option<Phase>) {
     match fault {
         Fault::Camera(fault) => (fault.name().to_owned(), Some(fault.phase)),
         other => (other.to_string().split('=').next().unwrap_or_default().to_owned(), None),
