@@ -85,6 +85,13 @@ pub enum Event {
         figures: ViewFigures,
         reason: String,
     },
+    /// A discarded view is to be taken again, now that all views are decided.
+    ViewTakenAgain {
+        view_index: usize,
+        /// The one that begins.
+        attempt: u16,
+        reason: String,
+    },
     /// No usable frame came of a view.
     ViewMissing { view_index: usize, reason: String },
     /// The arm will be held when this view has been taken or given up.
@@ -305,6 +312,14 @@ impl Event {
                 figures.words()
             ),
             Self::ViewDiscarded { view_index, reason, .. } => format!("view {view_index}: discarded, {reason}"),
+            Self::ViewTakenAgain {
+                view_index,
+                attempt,
+                reason,
+            } => format!(
+                "{}: taken again, as it was discarded: {reason}",
+                named(*view_index, *attempt)
+            ),
             Self::ViewMissing { view_index, reason } => format!("view {view_index}: missing, {reason}"),
             Self::HoldDeferred { view_index } => format!("the arm will be held after view {view_index}"),
             Self::HoldAsked { by } => match by {

@@ -217,7 +217,7 @@ impl FaultCode {
                 Resume,
                 "look at grip and camera. If the blade sits differently, begin a new run; run.check_translation_max_mm and run.check_rotation_max_deg of the recipe say how far is too far.",
             ),
-            Self::Journal => ("journal", NewRun, "free space."),
+            Self::Journal => ("journal", Resume, "free space."),
             Self::JobPanicked => ("job-panicked", NewRun, "send us the recording."),
         }
     }

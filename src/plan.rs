@@ -9,7 +9,7 @@ use crate::geometry::rotation_angle_between;
 use crate::seed::{Seed, Stream};
 use crate::settings::{Motion, Recipe, RobotLink, Station, Workspace};
 
-/// The views of a run in the order in which they are taken; at least one.
+/// The views of a run in the order in which they are taken; at least one, though it may be skipped.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
     views: Vec<PlannedView>,
@@ -32,9 +32,11 @@ pub struct PlannedView {
     pub camera_from_blade: Isometry3<f64>,
     /// The robot's pose, in mm.
     pub base_from_tool: Isometry3<f64>,
+    /// Whether the recipe leaves it out: the robot does not go there.
+    pub skipped: bool,
 }
 
-/// The way from the view before to the view `to_index`.
+/// The way from the view taken before to the view `to_index`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlannedMove {
     /// The view at its end, from 1.
@@ -107,7 +109,7 @@ impl Plan {
         let views: Vec<_> = (0..recipe.view_count())
             .map(|index| planned_view(recipe, station, index, [tilt_rad(), tilt_rad()]))
             .collect();
-        for view in &views {
+        for view in views.iter().filter(|view| !view.skipped) {
             check_workspace(view, &station.robot.workspace)?;
         }
         if let Motion::Job(job) = &station.robot.motion
@@ -118,9 +120,10 @@ impl Plan {
                 position_count: job.position_count(),
             });
         }
-        let moves: Vec<PlannedMove> = views
+        let taken: Vec<&PlannedView> = views.iter().filter(|view| !view.skipped).collect();
+        let moves: Vec<PlannedMove> = taken
             .windows(2)
-            .map(|pair| planned_move(&pair[0], &pair[1], &station.robot))
+            .map(|pair| planned_move(pair[0], pair[1], &station.robot))
             .collect();
         check_steps(&moves, station.robot.step_angle_max_rad)?;
         Ok(Self {
@@ -133,8 +136,9 @@ impl Plan {
     /// The first `view_count` views; all of them when there are no more. The poses stay what they were.
     pub fn truncated(mut self, view_count: NonZeroUsize) -> Self {
         self.views.truncate(view_count.get());
-        self.moves.truncate(view_count.get() - 1);
-        self.merged_min_count = self.merged_min_count.min(self.views.len());
+        self.moves.retain(|planned| planned.to_index < view_count.get());
+        let taken_count = self.views.iter().filter(|view| !view.skipped).count();
+        self.merged_min_count = self.merged_min_count.min(taken_count);
         self
     }
 
@@ -143,12 +147,12 @@ impl Plan {
         &self.views
     }
 
-    /// The ways between successive views, one fewer than views. The way to the first view is not known beforehand.
+    /// The ways between successive views, one fewer than views that are taken. The way to the first view is not known beforehand.
     pub fn moves(&self) -> &[PlannedMove] {
         &self.moves
     }
 
-    /// How many views must be merged for the run to count as done, 1 to the number of views.
+    /// How many views must be merged for the run to count as done, at most those that are taken.
     pub fn merged_min_count(&self) -> usize {
         self.merged_min_count
     }
@@ -195,6 +199,7 @@ fn planned_view(recipe: &Recipe, station: &Station, index: usize, [tilt_x_rad, t
         tilt_y_rad,
         camera_from_blade,
         base_from_tool: station.base_from_camera * camera_from_blade * blade_from_tool,
+        skipped: recipe.views.skipped.contains(&index),
     }
 }
 
@@ -325,6 +330,32 @@ mod tests {
         assert_eq!((whole.merged_min_count(), first.merged_min_count()), (35, 4));
         assert_eq!(whole.clone().truncated(NonZeroUsize::new(99).unwrap()), whole);
         assert_eq!(whole.clone().truncated(NonZeroUsize::MIN).moves(), []);
+    }
+
+    #[test]
+    fn a_view_that_is_left_out_keeps_its_number_and_is_not_on_the_way() {
+        let station = Station::builtin_simulated();
+        let whole = Plan::new(&recipe("step_deg = 60"), &station, Seed(1)).unwrap();
+        let plan = Plan::new(&recipe("step_deg = 60\nskip = [2, 5]"), &station, Seed(1)).unwrap();
+        let skipped: Vec<bool> = plan.views().iter().map(|view| view.skipped).collect();
+        assert_eq!(skipped, [false, false, true, false, false, true]);
+        for (view, before) in plan.views().iter().zip(whole.views()) {
+            assert_eq!((view.index, view.base_from_tool), (before.index, before.base_from_tool));
+        }
+        let ways: Vec<usize> = plan.moves().iter().map(|planned| planned.to_index).collect();
+        assert_eq!(ways, [1, 3, 4]);
+        assert!((plan.moves()[1].angle_rad - TAU / 3.0).abs() < 1e-9);
+        assert_eq!(plan.merged_min_count(), 3);
+        let first = plan.truncated(NonZeroUsize::new(3).unwrap());
+        assert_eq!((first.moves().len(), first.merged_min_count()), (1, 2));
+        // A step past a view that is left out may be too wide.
+        let mut narrow = station;
+        narrow.robot.step_angle_max_rad = 100_f64.to_radians();
+        let error = Plan::new(&recipe("step_deg = 60\nskip = [2]"), &narrow, Seed(1)).unwrap_err();
+        assert!(
+            matches!(error, PlanError::StepTooLarge { view_index: 3, .. }),
+            "{error}"
+        );
     }
 
     #[test]

@@ -242,7 +242,7 @@ fn an_unknown_key_is_shown_with_the_key_that_was_meant() {
    · ─────────
  8 │ 
    ╰────
-  help: did you mean `step_deg`? keys of [views]: step_deg, tilt_max_deg, views_min
+  help: did you mean `step_deg`? keys of [views]: step_deg, tilt_max_deg, skip, views_min
 ";
     assert_eq!(rendered(&error), expected);
 }
@@ -267,7 +267,7 @@ fn a_step_that_does_not_divide_the_turn_is_shown_with_its_neighbours() {
 #[test]
 fn a_key_in_the_wrong_table_or_an_unknown_table_is_named() {
     let error = recipe_error("step_deg = 10.0", "exposure_us = 900");
-    let help = "`exposure_us` belongs in [camera]; keys of [views]: step_deg, tilt_max_deg, views_min";
+    let help = "`exposure_us` belongs in [camera]; keys of [views]: step_deg, tilt_max_deg, skip, views_min";
     assert_eq!(error.help_text(), Some(help));
     let error = recipe_error("[views]", "[view]");
     assert_eq!(error.message(), "unknown key `view`");
@@ -493,7 +493,7 @@ fn mistakes_in_nested_tables_of_a_station_are_found() {
 #[test]
 fn every_optional_key_of_a_recipe_is_heard() {
     let text = RECIPE
-        .replace("step_deg = 10.0", "views_min = 3")
+        .replace("step_deg = 10.0", "views_min = 3\nskip = [5]")
         .replace(
             "optics = \"fine\"",
             "roi_px = [80, 4, 8, 12]\nhdr_low_us = 10\nhdr_high_us = 50000\n[registration]\noverlap_distance_mm = 0.3",
@@ -503,7 +503,10 @@ fn every_optional_key_of_a_recipe_is_heard() {
             "overlap_min_count = 900\ncoincident_distance_mm = 0.01",
         );
     let recipe = Recipe::parse("probe.toml", &text).unwrap();
-    assert_eq!(recipe.views.merged_min_count, 3);
+    assert_eq!(
+        (recipe.views.merged_min_count, recipe.views.skipped.contains(&5)),
+        (3, true)
+    );
     let roi = Roi::Rectangle {
         width_px: 80,
         height_px: 4,

@@ -8,11 +8,13 @@ mod camera_faults;
 mod cases;
 mod chaos;
 mod cleaning;
+mod disk;
 mod doubt;
 mod frames;
 mod fuzz;
 mod generate;
 mod golden;
+mod hold;
 mod kabsch;
 mod large;
 mod model;
@@ -67,6 +69,10 @@ enum Command {
     Processes(processes::ProcessesArguments),
     /// Makes whole runs in which anything may go wrong, and takes them up again.
     Chaos(chaos::ChaosArguments),
+    /// Makes whole runs on a disk that is full, read-only or slow from each record on.
+    Disk(disk::DiskArguments),
+    /// Measures how soon a hold reaches the robot over each link while a registration keeps all cores busy.
+    Hold(hold::HoldArguments),
     /// Times the parts that have a budget, on generated data.
     Speed,
 }
@@ -90,6 +96,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Command::CameraFaults(arguments) => camera_faults::run(&arguments),
         Command::Processes(arguments) => processes::run(&arguments),
         Command::Chaos(arguments) => chaos::run(&arguments),
+        Command::Disk(arguments) => disk::run(&arguments),
+        Command::Hold(arguments) => hold::run(&arguments),
         Command::Speed => speed::run(),
     }
 }

@@ -12,7 +12,7 @@ use bladescan::registration::Reference;
 use nalgebra::Isometry3;
 
 /// A wavy sheet of `width × height` pixels, 0.1 mm apart, 500 mm before the camera; `phase` shifts the sampling.
-fn sheet(width: usize, height: usize, phase: f32) -> Vec<[f32; 3]> {
+pub(crate) fn sheet(width: usize, height: usize, phase: f32) -> Vec<[f32; 3]> {
     (0..width * height)
         .map(|i| {
             let (x, y) = ((i % width) as f32 * 0.1 + phase, (i / width) as f32 * 0.1 + phase);
@@ -21,7 +21,8 @@ fn sheet(width: usize, height: usize, phase: f32) -> Vec<[f32; 3]> {
         .collect()
 }
 
-fn cloud(points: &[[f32; 3]], width: usize) -> PointCloud {
+/// The clean cloud of such a sheet.
+pub(crate) fn cloud(points: &[[f32; 3]], width: usize) -> PointCloud {
     let grid = Grid::from_rows(width, points.len() / width, |row, out| {
         for (column, [x, y, z]) in points[row * width..][..width].iter().enumerate() {
             (out.x[column], out.y[column], out.z[column]) = (*x, *y, *z);

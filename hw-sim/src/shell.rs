@@ -176,6 +176,18 @@ pub async fn serve(
 pub async fn serve_with(
     cell: Cell,
     render: impl Fn(&RenderJob) -> Frame + Send + Sync + 'static,
+    sockets: Sockets,
+    truth_path: Option<PathBuf>,
+    stop: impl Future<Output = ()>,
+) -> Result<(), ShellError> {
+    serve_watched(cell, render, |_| (), sockets, truth_path, stop).await
+}
+
+/// As [`serve_with`]; `see` is called with everything that comes, before the cell has it.
+pub async fn serve_watched(
+    cell: Cell,
+    render: impl Fn(&RenderJob) -> Frame + Send + Sync + 'static,
+    mut see: impl FnMut(&Input),
     mut sockets: Sockets,
     truth_path: Option<PathBuf>,
     stop: impl Future<Output = ()>,
@@ -193,7 +205,7 @@ pub async fn serve_with(
         truth_sender,
         connection_count: 0,
     };
-    let served = shell.run(&sockets, &mut inputs, stop).await;
+    let served = shell.run(&sockets, &mut inputs, &mut see, stop).await;
     let written = shell.finish(truth_writer).await;
     served.and(written)
 }
@@ -268,6 +280,7 @@ impl Shell {
         &mut self,
         sockets: &Sockets,
         inputs: &mut mpsc::Receiver<Input>,
+        see: &mut impl FnMut(&Input),
         stop: impl Future<Output = ()>,
     ) -> Result<(), ShellError> {
         let mut stop = std::pin::pin!(stop);
@@ -298,6 +311,7 @@ impl Shell {
                 Some(input) = inputs.recv() => input,
                 () = sleep_until(wake_at) => Input::Wake,
             };
+            see(&input);
             if let Input::CameraClosed { connection } | Input::RobotPort(PortInput::Closed { connection }) = &input {
                 self.writers.remove(connection);
             }

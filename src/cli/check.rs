@@ -60,6 +60,10 @@ fn as_table(recipe: &Recipe, station: &Station, plan: &Plan) -> String {
             .to_owned(),
     ];
     for view in plan.views() {
+        if view.skipped {
+            lines.push(format!("{:4} skipped", view.index));
+            continue;
+        }
         let position = view.base_from_tool.translation.vector;
         let [rx, ry, rz] = fixed_xyz_from_rotation(&view.base_from_tool.rotation).map(f64::to_degrees);
         let way = plan
@@ -87,6 +91,7 @@ fn as_json(recipe: &Recipe, station: &Station, plan: &Plan) -> Value {
     let view = |view: &PlannedView| {
         json!({
             "index": view.index,
+            "skipped": view.skipped,
             "turn_deg": view.turn_rad.to_degrees(),
             "tilt_x_deg": view.tilt_x_rad.to_degrees(),
             "tilt_y_deg": view.tilt_y_rad.to_degrees(),

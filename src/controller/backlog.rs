@@ -1,4 +1,5 @@
-//! The views between the camera and the model: prepared as they come, registered and merged in index order.
+//! The views between the camera and the model: prepared as they come, registered and merged in index order; then those that
+//! were discarded and taken again, in index order.
 
 use super::Output;
 use crate::cleaning;
@@ -9,8 +10,8 @@ use crate::plan::{PlannedView, camera_relative};
 use crate::reconstruction::{Decision, DiscardReason, Model, OverlapMin, PriorLimits, ViewRegistration, ViewSettings};
 use crate::registration::{self, Search};
 use crate::seed::Seed;
-use crate::session::Captured;
-use crate::settings::{Recipe, Start, Station};
+use crate::session::{Captured, Target};
+use crate::settings::{Recipe, RetakeReason, Retakes, Start, Station};
 use crate::stamp::Stamp;
 use nalgebra::Isometry3;
 use std::collections::VecDeque;
@@ -23,6 +24,10 @@ pub struct ViewRecord {
     pub outcome: ViewOutcome,
     /// The attempt whose frame was used, from 0.
     pub attempt: u16,
+    /// How many attempts there were.
+    pub attempt_count: usize,
+    /// Those before the last, in order.
+    pub not_used: Vec<UnusedAttempt>,
     /// Points of its cloud.
     pub point_count: usize,
     /// What was taken out of its frame before.
@@ -33,6 +38,15 @@ pub struct ViewRecord {
     pub times: Vec<StageTime>,
     /// From the end of the frame to the decision, ms.
     pub latency_ms: u64,
+}
+
+/// An attempt at a view that gave nothing usable.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct UnusedAttempt {
+    /// Which one, from 0.
+    pub attempt: u16,
+    /// Why.
+    pub reason: String,
 }
 
 /// Merged, discarded or missing.
@@ -63,11 +77,14 @@ pub(super) struct Backlog {
     start: Start,
     coincident_distance_mm: f64,
     base_from_camera: Isometry3<f64>,
+    retakes: Retakes,
     /// The arm's pose at view 0: as reported, or as planned while it has not been taken.
     base_from_tool_0: Isometry3<f64>,
     seed: Seed,
     model: Arc<Model>,
     views: Vec<ViewRecord>,
+    /// Why each view is discarded, while it is.
+    discarded: Vec<Option<RetakeReason>>,
     waiting: VecDeque<Waiting>,
     registering: bool,
     next_job_id: u32,
@@ -100,12 +117,22 @@ impl Backlog {
                 reason: "not taken".into(),
             },
             attempt: 0,
+            attempt_count: 0,
+            not_used: Vec::new(),
             point_count: 0,
             removed: RemovedCounts::default(),
             figures: ViewFigures::default(),
             times: Vec::new(),
             latency_ms: 0,
         };
+        let views = plan.iter().map(|view| {
+            let mut record = untaken.clone();
+            if view.skipped {
+                let reason = "skipped by the recipe".into();
+                record.outcome = ViewOutcome::Missing { reason };
+            }
+            record
+        });
         Self {
             cleaning: recipe.cleaning,
             settings: view_settings(recipe),
@@ -117,7 +144,9 @@ impl Backlog {
                 .map_or_else(Isometry3::identity, |view| view.base_from_tool),
             seed,
             model: Arc::new(Model::default()),
-            views: vec![untaken; plan.len()],
+            views: views.collect(),
+            discarded: vec![None; plan.len()],
+            retakes: recipe.retakes.clone(),
             waiting: VecDeque::new(),
             registering: false,
             next_job_id: 1,
@@ -134,9 +163,11 @@ impl Backlog {
             base_from_tool,
             capture,
         } = view;
-        if view_index == 0 {
+        // What is in the model stays where it is, also when view 0 is taken again.
+        if view_index == 0 && self.model.is_empty() {
             self.base_from_tool_0 = base_from_tool;
         }
+        self.begin_attempt(view_index);
         self.views[view_index].attempt = attempt;
         self.waiting.push_back(Waiting {
             view_index,
@@ -153,7 +184,40 @@ impl Backlog {
 
     /// No frame will come of a view.
     pub(super) fn give_up(&mut self, view_index: usize, reason: &str) {
+        self.begin_attempt(view_index);
         self.views[view_index].outcome = ViewOutcome::Missing { reason: reason.into() };
+    }
+
+    /// An attempt at a view gave nothing usable; another follows.
+    pub(super) fn note_failed(&mut self, view_index: usize, attempt: u16, reason: String) {
+        self.begin_attempt(view_index);
+        self.views[view_index].not_used.push(UnusedAttempt { attempt, reason });
+    }
+
+    /// Whether it is still open which views are to be taken again.
+    pub(super) fn may_want_more(&self) -> bool {
+        self.retakes.wants_any_registered() && !self.is_idle()
+    }
+
+    /// The discarded views that the recipe wants taken again, in index order. Only when all views are decided: so which are
+    /// taken, and when they are merged, does not depend on how long anything took.
+    pub(super) fn take_again(&mut self) -> Vec<Target> {
+        let mut targets = Vec::new();
+        for (view_index, view) in self.views.iter().enumerate() {
+            let ViewOutcome::Discarded { reason } = &view.outcome else {
+                continue;
+            };
+            if self.discarded[view_index].is_some_and(|why| self.retakes.wants(why, view.attempt)) {
+                let attempt = view.attempt + 1;
+                targets.push(Target { view_index, attempt });
+                self.outputs.push_back(Output::Event(Event::ViewTakenAgain {
+                    view_index,
+                    attempt,
+                    reason: reason.clone(),
+                }));
+            }
+        }
+        targets
     }
 
     /// A job has ended. Returns what a panic said.
@@ -233,6 +297,26 @@ impl Backlog {
         self.outputs.pop_front()
     }
 
+    /// A view that was discarded before is taken again: that frame is not used.
+    fn begin_attempt(&mut self, view_index: usize) {
+        let view = &mut self.views[view_index];
+        view.attempt_count += 1;
+        if self.discarded[view_index].take().is_some()
+            && let ViewOutcome::Discarded { reason } = &view.outcome
+        {
+            view.not_used.push(UnusedAttempt {
+                attempt: view.attempt,
+                reason: reason.clone(),
+            });
+            view.point_count = 0;
+            view.removed = RemovedCounts::default();
+            view.figures = ViewFigures::default();
+            view.outcome = ViewOutcome::Missing {
+                reason: "taken again, and not registered".into(),
+            };
+        }
+    }
+
     /// A job is pure, so its panic leaves nothing behind: only its own view is lost, the others are registered.
     fn give_up_panicked(&mut self, view_index: usize, text: &str) {
         if self.registering
@@ -276,9 +360,11 @@ impl Backlog {
     /// `model_from_view` as predicted: the model's frame is the camera frame at view 0.
     fn start_of(&self, waiting: &Waiting) -> Isometry3<f64> {
         let by_robot = camera_relative(&self.base_from_camera, &self.base_from_tool_0, &waiting.base_from_tool);
-        // Views merge in index order, so the last one merged has the highest index.
-        let last_merged = self.views.iter().rev().find_map(ViewRecord::model_from_view);
-        match (self.start, last_merged) {
+        // In index order, not in time: a view that is taken again lies where its neighbours do.
+        let (before, after) = self.views.split_at(waiting.view_index);
+        let previous = before.iter().rev().find_map(ViewRecord::model_from_view);
+        let neighbour = previous.or_else(|| after.iter().find_map(ViewRecord::model_from_view));
+        match (self.start, neighbour) {
             (Start::Previous, Some(previous)) => *previous,
             (Start::Previous | Start::Robot, _) => by_robot,
         }
@@ -304,6 +390,7 @@ impl Backlog {
                 }));
             }
             Decision::Discard(reason) => {
+                self.discarded[view_index] = Some(retake_reason(reason));
                 let reason = discard_words(reason, &self.settings);
                 view.outcome = ViewOutcome::Discarded { reason: reason.clone() };
                 self.outputs.push_back(Output::Event(Event::ViewDiscarded {
@@ -334,6 +421,16 @@ fn figures(found: &ViewRegistration) -> ViewFigures {
         from_prior_deg: found.prior_rotation_rad.to_degrees(),
         from_prior_mm: found.prior_distance,
         weak_direction_count: registration.map_or(0, |registration| registration.weak_directions.len()),
+    }
+}
+
+fn retake_reason(reason: DiscardReason) -> RetakeReason {
+    match reason {
+        DiscardReason::TooFewPoints { .. } | DiscardReason::Failed | DiscardReason::Ambiguous { .. } => {
+            RetakeReason::Ambiguous
+        }
+        DiscardReason::TooLittleOverlap { .. } => RetakeReason::LittleOverlap,
+        DiscardReason::FarFromPrior { .. } => RetakeReason::Disagrees,
     }
 }
 

@@ -1,6 +1,6 @@
 //! The files of a run: `poses.json`, `summary.json`, `model.ply`.
 
-use super::backlog::{Backlog, ViewOutcome, ViewRecord};
+use super::backlog::{Backlog, UnusedAttempt, ViewOutcome, ViewRecord};
 use super::provenance::Provenance;
 use crate::event::Ending;
 use crate::geometry::matrix_rows;
@@ -103,6 +103,8 @@ fn summary_entry(index: usize, view: &ViewRecord) -> Value {
         "decision": decision,
         "reason": reason,
         "retakes": view.attempt,
+        "attempts": view.attempt_count,
+        "not_used": view.not_used.iter().map(unused_entry).collect::<Vec<_>>(),
         "points": view.point_count,
         "removed": view.removed,
         "overlap": { "count": figures.overlap_count, "fraction": figures.overlap_fraction },
@@ -112,6 +114,10 @@ fn summary_entry(index: usize, view: &ViewRecord) -> Value {
         "registration_s": seconds(registration_ns),
         "latency_s": view.latency_ms as f64 * 1e-3,
     })
+}
+
+fn unused_entry(unused: &UnusedAttempt) -> Value {
+    json!({ "attempt": unused.attempt, "reason": unused.reason })
 }
 
 fn status(outcome: &ViewOutcome) -> (&'static str, Option<&str>) {

@@ -12,7 +12,7 @@ mod header;
 mod provenance;
 mod reconstruct;
 
-pub use backlog::{ViewOutcome, ViewRecord};
+pub use backlog::{UnusedAttempt, ViewOutcome, ViewRecord};
 pub use header::{Header, Simulation};
 pub use provenance::Source;
 pub use reconstruct::{Outside, Reconstructed, Reconstruction};
@@ -221,7 +221,7 @@ impl Controller {
                 }
             }
             Input::Synced { view_index, attempt } => self.handle_synced((view_index, attempt)),
-            Input::Withheld { device } => self.handle_withheld(device),
+            Input::Withheld { device } => self.handle_withheld(now, device),
             Input::JournalFailed { reason } => {
                 self.journal_failed = true;
                 // Nothing will be kept any more.
@@ -357,13 +357,16 @@ impl Controller {
         }
     }
 
-    fn handle_withheld(&mut self, device: Device) {
-        let device = match device {
+    fn handle_withheld(&mut self, now: Stamp, device: Device) {
+        let name = match device {
             Device::Robot => "robot",
             Device::Camera => "camera",
         };
-        let text = format!("what waited for the recording was not sent to the {device}");
+        let text = format!("what waited for the recording was not sent to the {name}");
         self.outputs.push_back(Output::Event(Event::Noted { text }));
+        if device == Device::Robot {
+            self.session.handle_robot_withheld(now);
+        }
     }
 
     /// Carries everything as far as it goes without another input.
@@ -373,7 +376,7 @@ impl Controller {
             self.session.advance(now, waiting_count);
             let mut moved = self.take_session_outputs(now);
             if self.begun && self.session.is_acquired() && self.unkept.is_empty() {
-                moved |= self.finish(now);
+                moved |= self.take_again_or_finish(now);
             }
             moved |= self.take_backlog_outputs();
             moved |= self.check_on();
@@ -393,10 +396,17 @@ impl Controller {
         }
     }
 
-    /// Ends the run once every view is taken; a hold is seen through first.
-    fn finish(&mut self, now: Stamp) -> bool {
-        if matches!(self.session.state(), State::Holding | State::Ending | State::Over) {
+    /// Every view is taken: those that the recipe wants again are, once all are decided, or the run ends. A hold is seen
+    /// through first.
+    fn take_again_or_finish(&mut self, now: Stamp) -> bool {
+        if matches!(self.session.state(), State::Holding | State::Ending | State::Over) || self.backlog.may_want_more()
+        {
             return false;
+        }
+        let targets = self.backlog.take_again();
+        if !targets.is_empty() {
+            self.session.take_again(targets);
+            return true;
         }
         self.session.finish(now);
         self.session.handle_wake(now);
@@ -426,6 +436,11 @@ impl Controller {
                     self.keep(view.view_index, view.attempt);
                     self.backlog.add(now, view);
                 }
+                SessionEvent::Failed {
+                    view_index,
+                    attempt,
+                    reason,
+                } => self.backlog.note_failed(view_index, attempt, reason),
                 SessionEvent::Missing { view_index, reason } => {
                     self.backlog.give_up(view_index, &reason);
                     self.outputs

@@ -137,6 +137,10 @@ impl Bars {
                 self.run.inc(1);
                 self.print(event);
             }
+            Event::ViewTakenAgain { .. } => {
+                self.run.dec(1);
+                self.print(event);
+            }
             event if is_worth_a_line(event) => self.print(event),
             _ => {}
         }
@@ -175,6 +179,7 @@ fn is_worth_a_line(event: &Event) -> bool {
         | Event::CameraRearmed
         | Event::ViewMerged { .. }
         | Event::ViewDiscarded { .. }
+        | Event::ViewTakenAgain { .. }
         | Event::ViewMissing { .. }
         | Event::HoldDeferred { .. }
         | Event::HoldAsked { .. }

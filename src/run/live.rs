@@ -292,8 +292,8 @@ impl Shell<'_> {
         let path = journal.path().to_owned();
         let recording = match journal.finish() {
             Ok(path) => path,
-            // The fault has been reported; what was written stays.
-            Err(_) if has_failed => path,
+            // The fault has been reported; what was written stays. After the run's last input nobody hears of a fault.
+            Err(_) if has_failed && matches!(controller.ending(), Some(Ending::Faulted { .. })) => path,
             Err(error) => return Err(error.into()),
         };
         match self.file_error {
@@ -310,7 +310,7 @@ impl Shell<'_> {
     }
 }
 
-pub(super) fn write_new(path: &Path, bytes: &[u8]) -> Result<(), LiveError> {
+fn write_new(path: &Path, bytes: &[u8]) -> Result<(), LiveError> {
     run_dir::write_new(path, bytes).map_err(LiveError::File)
 }
 

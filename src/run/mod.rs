@@ -33,6 +33,6 @@ pub use pool::Pool;
 pub use reconstruct::{ReconstructError, reconstruct, write_files};
 pub use recording_file::{FileError, PackError, RecordingFile, pack_file};
 pub use recover::{Recovered, recover};
-pub use replay::{Difference, Rebuilt, ReplayError, ReplayReport, rebuild, refeed, replay};
+pub use replay::{Difference, Rebuilt, ReplayError, ReplayReport, rebuild, replay};
 pub use run_dir::{put_aside, settle};
 pub use simulated::{SimulatedCell, SimulatedError, SimulatedOptions};

@@ -1,15 +1,17 @@
 //! Reconstruction of a recorded run under another recipe.
 
-use super::live::{LiveError, write_new};
 use super::pool::Pool;
-use super::replay::{ReplayError, refeed};
-use crate::controller::{Header, Output, Outside, Reconstructed, Reconstruction, Source};
+use super::recording_file::FileError;
+use super::replay::ReplayError;
+use super::run_dir::write_new;
+use crate::controller::{Controller, Header, Input, Output, Outside, Reconstructed, Reconstruction, Source};
 use crate::event::Event;
-use crate::job::Job;
-use crate::journal::Recording;
+use crate::job::{FinishedJob, Job};
+use crate::journal::{InputMemo, Record, Recording, Topic, read_input};
 use crate::plan::Plan;
 use crate::settings::{Recipe, Station};
 use crate::stamp::Stamp;
+use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
 use std::path::Path;
 use std::time::Instant;
@@ -32,13 +34,23 @@ pub enum ReconstructError {
     /// No frame has come in the recorded run.
     #[error("the recording has no frame")]
     NoFrame,
+    /// This version does not find all frames of a recording of another version.
+    #[error("the recording has {recorded} frames, of which this version finds {found}: use version {version}")]
+    FramesLost {
+        /// Frames that had come.
+        recorded: usize,
+        /// Frames that come now.
+        found: usize,
+        /// The version that recorded.
+        version: String,
+    },
 }
 
 /// Registers the frames of a recording anew. `header` names the result, as the recording's own does but for the recipe and
 /// the version.
 ///
 /// # Errors
-/// The recording is not one, has no frame, or has another number of views than the recipe.
+/// The recording is not one, has no frame or another number of views than the recipe, or is of a version that heard more.
 pub fn reconstruct(
     recording: &Recording<'_>,
     header: Header,
@@ -64,23 +76,80 @@ pub fn reconstruct(
         now: &mut now,
         on_event,
     };
-    let mut has_frame = false;
-    let mut on_output = |output: &Output| {
-        has_frame |= matches!(output, Output::Job { .. });
+    let controller = Controller::new(recording.header().clone(), &recorded, &station, plan);
+    let frames = feed(recording, controller, pool, &mut |output| {
         reconstruction.handle_output(output, &mut outside);
-    };
-    refeed(recording, pool, &mut on_output)?;
-    if !has_frame {
-        return Err(ReconstructError::NoFrame);
+    })?;
+    match (frames.found, frames.recorded) {
+        (0, 0) => Err(ReconstructError::NoFrame),
+        // The last frame of a killed run may have come without a word about it.
+        (found, recorded) if found < recorded => Err(ReconstructError::FramesLost {
+            recorded,
+            found,
+            version: recording.header().version.clone(),
+        }),
+        _ => Ok(reconstruction.finish(now())),
     }
-    Ok(reconstruction.finish(now()))
+}
+
+/// How many frames had come when the run was recorded, and how many come now.
+#[derive(Default)]
+struct Frames {
+    recorded: usize,
+    found: usize,
+}
+
+/// Repeats the run without comparing anything, so that a recording of another version does as long as its frames come.
+fn feed(
+    recording: &Recording<'_>,
+    mut controller: Controller,
+    pool: &Pool,
+    on_output: &mut dyn FnMut(&Output),
+) -> Result<Frames, ReplayError> {
+    let mut frames = Frames::default();
+    let mut jobs: BTreeMap<u32, FinishedJob> = BTreeMap::new();
+    for record in recording.whole_records()? {
+        let record = record?;
+        frames.recorded += usize::from(tells_of_a_frame(&record));
+        let input = match read_input(&record) {
+            Some(InputMemo::Whole(input)) => input,
+            Some(InputMemo::JobDone { job_id, times }) => match jobs.remove(&job_id) {
+                Some(done) => Input::JobDone {
+                    job_id,
+                    done: FinishedJob { times, ..done },
+                },
+                None => continue,
+            },
+            None => continue,
+        };
+        controller.handle_input(record.stamp, input);
+        while let Some(output) = controller.poll_output() {
+            on_output(&output);
+            match output {
+                Output::Job { job_id, job } => {
+                    jobs.insert(job_id, pool.run(&job));
+                }
+                Output::Event(Event::FrameArrived { .. }) => frames.found += 1,
+                _ => {}
+            }
+        }
+    }
+    Ok(frames)
+}
+
+fn tells_of_a_frame(record: &Record) -> bool {
+    if record.topic != Topic::Event {
+        return false;
+    }
+    let event: Option<serde_json::Value> = serde_json::from_slice(&record.payload).ok();
+    event.is_some_and(|event| event["event"] == "frame-arrived")
 }
 
 /// Writes files into the folder; none of them may be there.
 ///
 /// # Errors
 /// The first that cannot be written.
-pub fn write_files(dir: &Path, files: &[(&'static str, Vec<u8>)]) -> Result<(), LiveError> {
+pub fn write_files(dir: &Path, files: &[(&'static str, Vec<u8>)]) -> Result<(), FileError> {
     files
         .iter()
         .try_for_each(|(name, bytes)| write_new(&dir.join(name), bytes))

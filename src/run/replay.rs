@@ -85,20 +85,11 @@ pub struct Rebuilt {
 /// Feeds a recording to the same code and compares. Stops at the first difference.
 pub fn replay(recording: &Recording<'_>, pool: &Pool) -> Result<ReplayReport, ReplayError> {
     let mut unseen = |_: &Output| ();
-    let mut replayer = feed(recording, pool, Compared::All, &mut unseen)?;
+    let mut replayer = feed(recording, pool, &mut unseen)?;
     if replayer.report.difference.is_none() {
         replayer.finish();
     }
     Ok(replayer.report)
-}
-
-/// Feeds the inputs of a recording to the same code without comparing anything: its frames come again even where this version's
-/// numbers are others. `on_output` sees what follows.
-///
-/// # Errors
-/// When it is no recording of a run, or its recipe or station cannot be read.
-pub fn refeed(recording: &Recording<'_>, pool: &Pool, on_output: &mut dyn FnMut(&Output)) -> Result<(), ReplayError> {
-    feed(recording, pool, Compared::Nothing, on_output).map(|_| ())
 }
 
 /// Feeds a recording to the same code, so that the run can go on where the recording ends. `on_output` sees what follows.
@@ -110,7 +101,7 @@ pub fn rebuild(
     pool: &Pool,
     on_output: &mut dyn FnMut(&Output),
 ) -> Result<Rebuilt, ReplayError> {
-    let replayer = feed(recording, pool, Compared::All, on_output)?;
+    let replayer = feed(recording, pool, on_output)?;
     match replayer.report.difference {
         Some(difference) => Err(ReplayError::Differs(Box::new(difference))),
         None => Ok(Rebuilt {
@@ -126,7 +117,6 @@ pub fn rebuild(
 fn feed<'a>(
     recording: &Recording<'_>,
     pool: &'a Pool,
-    compared: Compared,
     on_output: &'a mut dyn FnMut(&Output),
 ) -> Result<Replayer<'a>, ReplayError> {
     let header = recording.header().clone();
@@ -140,7 +130,6 @@ fn feed<'a>(
     let mut replayer = Replayer {
         controller: Controller::new(header, &recipe, &station, plan),
         pool,
-        compared,
         on_output,
         start_unix_ns: recording.start_unix_ns(),
         expected: VecDeque::new(),
@@ -167,17 +156,9 @@ fn feed<'a>(
     Ok(replayer)
 }
 
-/// How much of a replay is compared with the recording.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Compared {
-    All,
-    Nothing,
-}
-
 struct Replayer<'a> {
     controller: Controller,
     pool: &'a Pool,
-    compared: Compared,
     on_output: &'a mut dyn FnMut(&Output),
     start_unix_ns: u64,
     /// What the replay says must come next.
@@ -196,10 +177,6 @@ impl Replayer<'_> {
     /// Takes the next record; false at the first difference.
     fn take(&mut self, record: Record) -> bool {
         self.last = self.last.max(record.stamp);
-        let is_compared = self.compared == Compared::All;
-        if !record.topic.is_input() && !is_compared {
-            return true;
-        }
         if !record.topic.is_input() {
             self.report.output_count += 1;
             return match self.expected.pop_front() {
@@ -215,13 +192,13 @@ impl Replayer<'_> {
             Some(InputMemo::Whole(input)) => input,
             Some(InputMemo::JobDone { job_id, times }) => {
                 let Some(done) = self.done.remove(&job_id) else {
-                    return !is_compared || self.differ(Some(&record), None);
+                    return self.differ(Some(&record), None);
                 };
                 // How long it took is an input, what came of it is not: the record has its digest.
                 let done = FinishedJob { times, ..done };
                 let input = Input::JobDone { job_id, done };
                 let again = input_record(record.stamp, &input);
-                if is_compared && again != record {
+                if again != record {
                     return self.differ(Some(&record), Some(&again));
                 }
                 input
@@ -234,10 +211,8 @@ impl Replayer<'_> {
         }
         self.controller.handle_input(record.stamp, input);
         while let Some(output) = self.controller.poll_output() {
-            if is_compared {
-                self.expected
-                    .extend(output_records(record.stamp, &output, self.start_unix_ns));
-            }
+            self.expected
+                .extend(output_records(record.stamp, &output, self.start_unix_ns));
             (self.on_output)(&output);
             match output {
                 Output::Job { job_id, job } => {

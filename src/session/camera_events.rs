@@ -4,6 +4,7 @@ use super::{FAILURES_MAX, Session, Stage, Target};
 use crate::camera::{CameraEvent, Trouble};
 use crate::event::Event;
 use crate::fault::{Fault, FaultCode};
+use crate::settings::RetakeReason;
 use crate::stamp::Stamp;
 
 impl Session {
@@ -27,7 +28,8 @@ impl Session {
             CameraEvent::Frame(capture) => {
                 self.camera_failures_in_a_row = 0;
                 if self.warmth.refuses(capture.trigger_id) {
-                    self.handle_failure(now, "taken before the camera was warm".into(), true);
+                    let reason = "taken before the camera was warm".into();
+                    self.handle_failure(now, RetakeReason::NoFrame, reason, true);
                 } else {
                     self.handle_capture(now, capture);
                 }
@@ -43,8 +45,13 @@ impl Session {
                 ));
             }
             CameraEvent::Failed { reason, .. } if self.take_recalled_anew(&reason) => {}
-            CameraEvent::Failed { reason, retryable, .. } => {
-                self.handle_failure(now, reason.clone(), retryable);
+            CameraEvent::Failed {
+                reason,
+                retryable,
+                code,
+                ..
+            } => {
+                self.handle_failure(now, self.why(code), reason.clone(), retryable);
                 self.camera_failures_in_a_row += 1;
                 if self.camera_failures_in_a_row == FAILURES_MAX && self.ending.is_none() {
                     let seen = format!("{FAILURES_MAX} acquisitions in a row failed; the last: {reason}");

@@ -4,17 +4,14 @@ use super::{Captured, Check, FAILURES_MAX, Session, SessionEvent, Stage, Target}
 use crate::camera::Capture;
 use crate::event::Event;
 use crate::fault::{Fault, FaultCode};
+use crate::settings::RetakeReason;
 use crate::stamp::Stamp;
 use std::sync::Arc;
 
 impl Session {
     pub(super) fn handle_capture(&mut self, now: Stamp, capture: Arc<Capture>) {
-        if capture.valid_count < self.wanted.points_min {
-            let reason = format!(
-                "{} valid points, at least {} wanted",
-                capture.valid_count, self.wanted.points_min
-            );
-            return self.handle_failure(now, reason, true);
+        if let Some((reason, seen)) = self.shortcoming(&capture) {
+            return self.handle_failure(now, reason, seen, true);
         }
         let Some(standing) = self.awaited.take() else {
             return self.note("a frame nobody waits for");
@@ -43,7 +40,8 @@ impl Session {
         });
     }
 
-    pub(super) fn handle_failure(&mut self, now: Stamp, reason: String, retryable: bool) {
+    /// An acquisition gave nothing usable: `why` for the recipe, `reason` in words.
+    pub(super) fn handle_failure(&mut self, now: Stamp, why: RetakeReason, reason: String, retryable: bool) {
         let standing = match (self.awaited.take(), self.stage) {
             (Some(standing), _) => standing,
             (None, Stage::Exposing(standing)) => {
@@ -57,7 +55,7 @@ impl Session {
         if standing.target.is_check() {
             return self.handle_failed_check(now, standing.target, &reason, retryable);
         }
-        let retaken = retryable && attempt < self.wanted.retakes_max;
+        let retaken = retryable && self.wanted.retakes.wants(why, attempt);
         self.emit(Event::FrameFailed {
             view_index,
             attempt,
@@ -65,6 +63,12 @@ impl Session {
             retaken,
         });
         if retaken {
+            self.events.push_back(SessionEvent::Failed {
+                view_index,
+                attempt,
+                reason,
+            });
+            self.change_exposures(view_index, why);
             let target = Target {
                 view_index,
                 attempt: attempt + 1,

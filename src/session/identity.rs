@@ -1,6 +1,6 @@
 //! Are the devices those that recipe and station mean? Only then is anything switched on.
 
-use super::{Hold, Session};
+use super::{EXPOSURE_MAX_US, EXPOSURE_MIN_US, Hold, Session};
 use crate::camera::Opened;
 use crate::event::Event;
 use crate::fault::{Fault, FaultCode};
@@ -49,6 +49,10 @@ impl Session {
             let seen = format!("a stand-off of {stand_off_mm} mm, but the camera works from {near} to {far} mm");
             return self.fault(now, Fault::new(FaultCode::CameraOptics, seen));
         }
+        self.exposure_range_us = [
+            caps.exposure_min_us.max(EXPOSURE_MIN_US),
+            caps.exposure_max_us.min(EXPOSURE_MAX_US),
+        ];
         self.camera_known = true;
         self.switch_on(now);
     }

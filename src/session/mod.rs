@@ -9,8 +9,10 @@ mod devices;
 mod frames;
 mod identity;
 mod restart;
+mod retakes;
 mod state;
 mod warmth;
+mod way;
 
 pub use arm::{Arm, ArmEvent, ArmSettings, JobSettings, Motion};
 pub use devices::{camera_settings, camera_times, exchange_settings};
@@ -22,7 +24,7 @@ use crate::fault::{Fault, FaultCode};
 use crate::plan::PlannedView;
 use crate::robot::RobotOutput;
 use crate::seed::Seed;
-use crate::settings::{Recipe, Station, Target as StationTarget};
+use crate::settings::{Recipe, Retakes, Station, Target as StationTarget};
 use crate::stamp::{Stamp, earlier};
 use commands::HoldAfter;
 use devices::arm_settings;
@@ -31,6 +33,7 @@ use restart::Check;
 use std::collections::VecDeque;
 use std::sync::Arc;
 use warmth::Warmth;
+use way::Way;
 
 /// A frame with the pose at which it was taken.
 #[derive(Debug, Clone, PartialEq)]
@@ -54,6 +57,15 @@ pub enum SessionEvent {
     Captured(Captured),
     /// A second look at a view after a restart: has the blade moved?
     Check(Captured),
+    /// An attempt at a view that gave nothing usable; the view is taken again.
+    Failed {
+        /// Which view.
+        view_index: usize,
+        /// Which attempt at it.
+        attempt: u16,
+        /// Why.
+        reason: String,
+    },
     /// A planned view that will not come.
     Missing {
         /// Which view.
@@ -68,8 +80,11 @@ pub enum SessionEvent {
 pub struct Session {
     arm: Arm,
     camera: camera::Exchange,
-    /// The camera's settings for each view.
+    /// The camera's settings for each view, as its next attempt wants them.
     view_settings: Vec<camera::CameraSettings>,
+    /// The exposures that recipes and this camera allow, µs.
+    exposure_range_us: [u32; 2],
+    way: Way,
     warmth: Warmth,
     wanted: Wanted,
     stage: Stage,
@@ -104,13 +119,16 @@ struct Wanted {
     optics: &'static str,
     stand_off_mm: f64,
     points_min: u32,
-    retakes_max: u16,
+    retakes: Retakes,
 }
 
+/// A view to be taken, and which attempt at it that is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Target {
-    view_index: usize,
-    attempt: u16,
+pub struct Target {
+    /// Which view.
+    pub view_index: usize,
+    /// Which attempt, from 0.
+    pub attempt: u16,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -139,8 +157,12 @@ enum Hold {
 impl Session {
     /// The acquisition of `plan`, not begun.
     pub fn new(recipe: &Recipe, station: &Station, plan: &[PlannedView], run_id: u64, seed: Seed) -> Self {
-        let targets = (0..plan.len())
-            .map(|view_index| Target { view_index, attempt: 0 })
+        let taken = plan.iter().filter(|view| !view.skipped);
+        let targets = taken
+            .map(|view| Target {
+                view_index: view.index,
+                attempt: 0,
+            })
             .collect();
         let view_settings: Vec<_> = (0..plan.len()).map(|view| camera_settings(recipe, view)).collect();
         Self {
@@ -150,13 +172,15 @@ impl Session {
             ),
             camera: camera::Exchange::new(camera_times(station), run_id, seed, view_settings.clone()),
             view_settings,
+            exposure_range_us: [EXPOSURE_MIN_US, EXPOSURE_MAX_US],
+            way: Way::new(plan, station.robot.step_angle_max_rad),
             warmth: Warmth::new(recipe.camera.warm_up),
             wanted: Wanted {
                 simulated: !matches!(station.target, StationTarget::Cell { .. }),
                 optics: recipe.camera.optics.name(),
                 stand_off_mm: recipe.camera_from_fixture.translation.z,
                 points_min: recipe.camera.points_min,
-                retakes_max: recipe.retakes_max as u16,
+                retakes: recipe.retakes.clone(),
             },
             stage: Stage::Opening,
             robot_known: false,
@@ -191,6 +215,11 @@ impl Session {
         self.end(now, Ending::Faulted { fault });
     }
 
+    /// Takes views again, after all that are still to be taken.
+    pub fn take_again(&mut self, targets: impl IntoIterator<Item = Target>) {
+        self.targets.extend(targets);
+    }
+
     /// Ends the run because all is done.
     pub fn finish(&mut self, now: Stamp) {
         self.end(now, Ending::Finished);
@@ -223,6 +252,12 @@ impl Session {
     /// Bytes have come from the robot: a datagram, or a piece of a stream.
     pub fn handle_robot_bytes(&mut self, now: Stamp, bytes: &[u8]) {
         self.arm.handle_bytes(now, bytes);
+        self.handle_events(now);
+    }
+
+    /// What was to move the robot was not sent and never will be.
+    pub fn handle_robot_withheld(&mut self, now: Stamp) {
+        self.arm.handle_withheld(now);
         self.handle_events(now);
     }
 
@@ -293,7 +328,7 @@ impl Session {
                     && self.may_go_on()
                 {
                     self.stage = Stage::Moving(target);
-                    self.arm.move_to(now, target.view_index);
+                    self.arm.move_to(now, self.way.leave_for(target.view_index));
                     self.emit(Event::MoveStarted {
                         view_index: target.view_index,
                         attempt: target.attempt,
@@ -370,6 +405,9 @@ impl Session {
             }
             ArmEvent::Arrived { base_from_tool } => {
                 if let Stage::Moving(target) = self.stage {
+                    if self.way.arrive() != Some(target.view_index) {
+                        return self.arm.move_to(now, self.way.leave_for(target.view_index));
+                    }
                     self.stage = Stage::AtTarget(Standing { target, base_from_tool });
                     self.emit(Event::Arrived {
                         view_index: target.view_index,
@@ -445,5 +483,8 @@ impl Session {
 
 /// Captured but unregistered views that stop the robot from going on: memory stays bounded.
 const BACKLOG_MAX: usize = 4;
+/// The exposures that recipes allow.
+const EXPOSURE_MIN_US: u32 = 10;
+const EXPOSURE_MAX_US: u32 = 50_000;
 /// Views without a frame, or failed acquisitions of the camera, one after the other, that end the run.
 const FAILURES_MAX: u32 = 3;

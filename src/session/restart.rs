@@ -60,6 +60,7 @@ impl Session {
         (self.robot_known, self.camera_known) = (false, false);
         (self.failures_in_a_row, self.camera_failures_in_a_row) = (0, 0);
         self.warmth.restart();
+        self.way.restart();
     }
 
     /// The blade sits where it sat: the run goes on.
@@ -94,7 +95,7 @@ impl Session {
             attempt: target.attempt + 1,
             ..target
         };
-        if retryable && target.attempt % CHECKS_PER_RESTART < self.wanted.retakes_max {
+        if retryable && target.attempt % CHECKS_PER_RESTART < self.wanted.retakes.max_count {
             self.emit(Event::FrameFailed {
                 view_index: target.view_index,
                 attempt: target.attempt,

@@ -23,6 +23,8 @@ pub enum Kind {
     Text(&'static str),
     /// One of these words.
     Choice(&'static [&'static str]),
+    /// Any number of these words.
+    Choices(&'static [&'static str]),
     /// `true` or `false`.
     Toggle,
     /// A whole number.
@@ -86,7 +88,7 @@ impl Key {
             | Kind::IntegerList(range)
             | Kind::Integers(_, range)
             | Kind::Numbers(_, range) => range.unit,
-            Kind::Text(_) | Kind::Choice(_) | Kind::Toggle => "",
+            Kind::Text(_) | Kind::Choice(_) | Kind::Choices(_) | Kind::Toggle => "",
         }
     }
 
@@ -103,11 +105,8 @@ impl Key {
         let bare = |range: Range| Range { unit: "", ..range };
         match self.kind {
             Kind::Text(what) => what.to_owned(),
-            Kind::Choice(words) => words
-                .iter()
-                .map(|word| format!("\"{word}\""))
-                .collect::<Vec<_>>()
-                .join(", "),
+            Kind::Choice(words) => quoted(words),
+            Kind::Choices(words) => format!("each {}", quoted(words)),
             Kind::Toggle => "true, false".to_owned(),
             Kind::Integer(range) | Kind::Number(range) => bare(range).to_string(),
             Kind::IntegerList(range) | Kind::Integers(_, range) | Kind::Numbers(_, range) => {
@@ -120,6 +119,7 @@ impl Key {
     pub(super) fn kind_text(&self) -> String {
         match self.kind {
             Kind::Text(_) | Kind::Choice(_) => "text in quotes".to_owned(),
+            Kind::Choices(_) => "a list of words in quotes".to_owned(),
             Kind::Toggle => "true or false".to_owned(),
             Kind::Integer(_) => "a whole number".to_owned(),
             Kind::Number(_) => "a number".to_owned(),
@@ -138,6 +138,11 @@ impl Key {
     }
 }
 
+fn quoted(words: &[&str]) -> String {
+    let quoted: Vec<String> = words.iter().map(|word| format!("\"{word}\"")).collect();
+    quoted.join(", ")
+}
+
 /// The keys of a recipe, in the order of its documentation.
 pub const RECIPE_KEYS: &[Key] = &[
     required("name", NAME),
@@ -145,7 +150,12 @@ pub const RECIPE_KEYS: &[Key] = &[
     required("blade.cad", Kind::Text("builtin:NAME or a path relative to the recipe")),
     default("views.step_deg", number(0.5, 180.0, "deg"), "10.0"),
     default("views.tilt_max_deg", number(0.0, 45.0, "deg"), "0.0"),
-    optional("views.views_min", integer(1.0, 720.0, ""), "one less than the views"),
+    optional("views.skip", integer_list(0.0, 719.0, ""), "none"),
+    optional(
+        "views.views_min",
+        integer(1.0, 720.0, ""),
+        "one less than the views that are taken",
+    ),
     required("presentation.position_mm", numbers(3, -5000.0, 5000.0, "mm")),
     required("presentation.rotation_deg", numbers(3, -180.0, 180.0, "deg")),
     default("camera.optics", Kind::Choice(&["fine", "medium", "wide"]), "\"medium\""),
@@ -213,6 +223,20 @@ pub const RECIPE_KEYS: &[Key] = &[
         "a third of the overlap distance",
     ),
     default("run.retakes_max", integer(0.0, 10.0, ""), "1"),
+    default(
+        "run.retake_on",
+        Kind::Choices(&[
+            "no-frame",
+            "few-points",
+            "saturated",
+            "disagrees",
+            "ambiguous",
+            "little-overlap",
+        ]),
+        "[\"no-frame\", \"few-points\"]",
+    ),
+    default("run.retake_exposure_factor", number(1.0, 10.0, ""), "1.0"),
+    default("run.saturated_max_fraction", number(0.0, 1.0, ""), "0.2"),
     default("run.check_rotation_max_deg", number(0.01, 45.0, "deg"), "0.5"),
     default("run.check_translation_max_mm", number(0.01, 100.0, "mm"), "2.0"),
 ];

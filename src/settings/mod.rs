@@ -8,6 +8,7 @@
 mod error;
 mod keys;
 mod recipe;
+mod retakes;
 mod source;
 mod station;
 mod written;
@@ -18,6 +19,7 @@ pub use recipe::{
     Cad, CameraSettings, Check, Compression, Exposure, Merge, Optics, OutlierFilter, Recipe, Registration, Roi, Start,
     Views, WarmUp, WorkingVolume,
 };
+pub use retakes::{RetakeReason, Retakes};
 pub use station::{
     CameraLink, HostPort, Motion, RobotAddress, RobotLink, RobotProtocol, ScanJob, Station, Target, Workspace,
 };

@@ -1,6 +1,6 @@
 //! Recipes: what is measured, and how.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::TAU;
 use std::path::PathBuf;
 
@@ -10,6 +10,7 @@ use toml::Spanned;
 
 use super::error::SettingsError;
 use super::keys::RECIPE_KEYS;
+use super::retakes::Retakes;
 use super::source::Source;
 use super::station::name_is_plain;
 use super::written::{CameraFile, ExposureFile, MergeFile, RecipeFile, RegistrationFile, ViewsFile};
@@ -41,8 +42,8 @@ pub struct Recipe {
     pub merge: Merge,
     /// How far the blade may have moved when a run is resumed.
     pub check: Check,
-    /// How often one view is taken again before the run goes on without it, 0 to 10.
-    pub retakes_max: u32,
+    /// Which views are taken again.
+    pub retakes: Retakes,
 }
 
 /// How far a view, taken again when a run is resumed, may lie from where it lay.
@@ -64,13 +65,15 @@ pub enum Cad {
 }
 
 /// The views of one full turn.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Views {
     /// How many, 2 to 720; they divide the turn evenly.
     pub count: u32,
     /// The largest tilt about each of x and y, 0 to π/4 rad; 0 = no tilts.
     pub tilt_max_rad: f64,
-    /// How many must be merged for a run to count as done, 1 to `count`.
+    /// Those that are left out; never all.
+    pub skipped: BTreeSet<usize>,
+    /// How many must be merged for a run to count as done, 1 to those that are taken.
     pub merged_min_count: u32,
 }
 
@@ -250,7 +253,7 @@ pub struct Registration {
 pub enum Start {
     /// At the pose that the robot reports.
     Robot,
-    /// At the pose of the last view merged, without help from the robot.
+    /// At the pose of the last view before it that was merged, without help from the robot.
     Previous,
 }
 
@@ -294,7 +297,12 @@ impl Recipe {
                 rotation_max_rad: written.run.check_rotation_max_deg.to_radians(),
                 translation_max_mm: written.run.check_translation_max_mm,
             },
-            retakes_max: written.run.retakes_max,
+            retakes: Retakes {
+                max_count: written.run.retakes_max,
+                reasons: written.run.retake_on,
+                exposure_factor: written.run.retake_exposure_factor,
+                saturated_max_fraction: written.run.saturated_max_fraction,
+            },
         })
     }
 
@@ -316,19 +324,47 @@ fn views(source: &Source, written: &ViewsFile) -> Result<Views, SettingsError> {
         return Err(source.error(written.step_deg.span(), message, Some(help)));
     }
     let count = count as u32;
+    let skipped = skipped_views(source, &written.skip, count)?;
+    let taken_count = count - skipped.len() as u32;
     let merged_min_count = match &written.views_min {
-        None => count - 1,
-        Some(least) if *least.get_ref() <= count => *least.get_ref(),
+        None => (taken_count - 1).max(1),
+        Some(least) if *least.get_ref() <= taken_count => *least.get_ref(),
         Some(least) => {
-            let message = format!("`views.views_min` is {}, but there are {count} views", least.get_ref());
+            let left_out = match skipped.len() {
+                0 => String::new(),
+                skipped_count => format!(", {skipped_count} of them left out"),
+            };
+            let message = format!(
+                "`views.views_min` is {}, but there are {count} views{left_out}",
+                least.get_ref()
+            );
             return Err(source.error_in_value("views.views_min", least.span(), message));
         }
     };
     Ok(Views {
         count,
         tilt_max_rad: written.tilt_max_deg.to_radians(),
+        skipped,
         merged_min_count,
     })
+}
+
+fn skipped_views(source: &Source, written: &[Spanned<u32>], count: u32) -> Result<BTreeSet<usize>, SettingsError> {
+    let mut skipped = BTreeSet::new();
+    for view in written {
+        let view_index = *view.get_ref();
+        let wrong = if view_index >= count {
+            format!("names view {view_index}, but there are {count} views, from 0")
+        } else if !skipped.insert(view_index as usize) {
+            format!("names view {view_index} a second time")
+        } else if skipped.len() == count as usize {
+            "leaves no view".to_owned()
+        } else {
+            continue;
+        };
+        return Err(source.error(view.span(), format!("`views.skip` {wrong}"), None));
+    }
+    Ok(skipped)
 }
 
 fn cad(source: &Source, written: &Spanned<String>) -> Result<Cad, SettingsError> {

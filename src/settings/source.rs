@@ -130,12 +130,10 @@ impl Source {
         };
         match (key.kind, value.get_ref()) {
             (Kind::Text(_), DeValue::String(_)) | (Kind::Toggle, DeValue::Boolean(_)) => Ok(()),
-            (Kind::Choice(words), DeValue::String(word)) if words.contains(&word.as_ref()) => Ok(()),
-            (Kind::Choice(words), DeValue::String(word)) => {
-                let message = format!("`{}` cannot be \"{word}\"", key.path);
-                let help = suggestion(word, words.iter().copied()) + &key.allowed_text();
-                Err(self.error(value.span(), message, Some(help)))
-            }
+            (Kind::Choice(words), DeValue::String(_)) => self.check_word(key, words, value),
+            (Kind::Choices(words), DeValue::Array(elements)) => elements
+                .iter()
+                .try_for_each(|element| self.check_word(key, words, element)),
             (Kind::Integer(range), DeValue::Integer(_))
             | (Kind::Number(range), DeValue::Integer(_) | DeValue::Float(_)) => {
                 self.check_range(key.path, range, value)
@@ -170,6 +168,25 @@ impl Source {
             }
             _ => Err(wrong_type()),
         }
+    }
+
+    /// One of the words, alone or in a list.
+    fn check_word(&self, key: &Key, words: &[&'static str], value: &Spanned<DeValue<'_>>) -> Result<(), SettingsError> {
+        let DeValue::String(word) = value.get_ref() else {
+            let found = kind_in_words(value.get_ref());
+            let message = format!(
+                "`{}` must be {}, not a list with {found} in it",
+                key.path,
+                key.kind_text()
+            );
+            return Err(self.error(value.span(), message, Some(key.allowed_text())));
+        };
+        if words.contains(&word.as_ref()) {
+            return Ok(());
+        }
+        let message = format!("`{}` cannot be \"{word}\"", key.path);
+        let help = suggestion(word, words.iter().copied()) + &key.allowed_text();
+        Err(self.error(value.span(), message, Some(help)))
     }
 
     fn check_range(&self, path: &str, range: Range, value: &Spanned<DeValue<'_>>) -> Result<(), SettingsError> {

@@ -8,6 +8,7 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use super::recipe::{Compression, Optics, OutlierFilter, Start, WarmUp, WorkingVolume};
+use super::retakes::RetakeReason;
 use crate::geometry::rotation_from_fixed_xyz;
 
 /// A recipe file.
@@ -38,6 +39,8 @@ pub(super) struct BladeFile {
 pub(super) struct ViewsFile {
     pub(super) step_deg: Spanned<f64>,
     pub(super) tilt_max_deg: f64,
+    #[serde(default)]
+    pub(super) skip: Vec<Spanned<u32>>,
     pub(super) views_min: Option<Spanned<u32>>,
 }
 
@@ -104,7 +107,10 @@ pub(super) struct MergeFile {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct RunFile {
-    pub(super) retakes_max: u32,
+    pub(super) retakes_max: u16,
+    pub(super) retake_on: Vec<RetakeReason>,
+    pub(super) retake_exposure_factor: f64,
+    pub(super) saturated_max_fraction: f64,
     pub(super) check_rotation_max_deg: f64,
     pub(super) check_translation_max_mm: f64,
 }

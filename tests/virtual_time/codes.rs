@@ -22,7 +22,7 @@ fn at_station(from: &str, to: &str, faults: &[&str], loss: f64) -> Way {
     let text = station(CLOSED, CLOSED);
     assert!(text.contains(from), "{from} is not in {text}");
     let texts = (RECIPE, &*text.replace(from, to));
-    Way::Run(Box::new(Pair::with_texts(texts, 4, faults, loss, 1)))
+    Way::Run(Box::new(Pair::at_station(texts.0, texts.1, 4, faults, loss, 1)))
 }
 
 /// A run in which `input` comes so many times in a row.

@@ -2,7 +2,9 @@
 
 mod camera;
 mod codes;
+mod disk;
 mod restart;
+mod retakes;
 mod words;
 
 use bladescan::camera::CameraOutput;
@@ -25,7 +27,7 @@ use rand::RngExt as _;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use std::collections::BTreeMap;
-use std::io::Cursor;
+use std::io::{Cursor, Seek, Write};
 use std::num::NonZeroUsize;
 
 const RECIPE: &str = r#"
@@ -59,9 +61,9 @@ enum Delivery {
     ToPanel(Panel),
 }
 
-/// Controller and cell with a wire between them.
-struct Pair {
-    run: Journalled<Writer<Cursor<Vec<u8>>>>,
+/// Controller and cell with a wire between them, recorded on `W`.
+struct Pair<W: Write + Seek = Cursor<Vec<u8>>> {
+    run: Journalled<Writer<W>>,
     cell: Cell,
     renderer: Renderer,
     pool: Pool,
@@ -93,12 +95,41 @@ impl Pair {
     }
 
     fn with_recipe(recipe_text: &str, view_count: usize, faults: &[&str], loss: f64, seed: u64) -> Self {
-        let texts = (recipe_text, Station::BUILTIN_SIMULATED_TEXT);
-        Self::with_texts(texts, view_count, faults, loss, seed)
+        let station_text = Station::BUILTIN_SIMULATED_TEXT;
+        Self::at_station(recipe_text, station_text, view_count, faults, loss, seed)
     }
 
-    /// With a recipe and a station of its own.
-    fn with_texts(texts: (&str, &str), view_count: usize, faults: &[&str], loss: f64, seed: u64) -> Self {
+    fn at_station(
+        recipe_text: &str,
+        station_text: &str,
+        view_count: usize,
+        faults: &[&str],
+        loss: f64,
+        seed: u64,
+    ) -> Self {
+        let out = Cursor::new(Vec::new());
+        Self::recorded_on(out, (recipe_text, station_text), view_count, faults, loss, seed)
+    }
+
+    fn fault_name(ending: &Ending) -> &'static str {
+        match ending {
+            Ending::Faulted { fault } => fault.code.name(),
+            _ => "none",
+        }
+    }
+
+    /// Ends the recording and replays it.
+    fn replay(self) {
+        let (_, journal) = self.run.into_parts();
+        let bytes = journal.finish().unwrap().into_inner();
+        let recording = Recording::open(&bytes).unwrap();
+        let report = replay(&recording, &self.pool).unwrap();
+        assert!(report.identical && report.complete, "{:#?}", report.difference);
+    }
+}
+
+impl<W: Write + Seek> Pair<W> {
+    fn recorded_on(out: W, texts: (&str, &str), view_count: usize, faults: &[&str], loss: f64, seed: u64) -> Self {
         let (recipe_text, station_text) = texts;
         let recipe = Recipe::parse("small.toml", recipe_text).unwrap();
         let station = Station::parse("station.toml", station_text).unwrap();
@@ -119,7 +150,6 @@ impl Pair {
             faults: faults.iter().map(|fault| fault.parse().unwrap()).collect(),
             ..Scene::default()
         };
-        let out = Cursor::new(Vec::new());
         let journal = Writer::begin(out, &header, START_UNIX_NS, recipe_text, station_text).unwrap();
         Self {
             renderer: Renderer::new(&Builtin::HptA.mesh(), scene.surface).unwrap(),
@@ -328,22 +358,6 @@ impl Pair {
     fn merged_count(&self) -> usize {
         let merged = |view: &&ViewRecord| view.model_from_view().is_some();
         self.run.controller().views().iter().filter(merged).count()
-    }
-
-    fn fault_name(ending: &Ending) -> &'static str {
-        match ending {
-            Ending::Faulted { fault } => fault.code.name(),
-            _ => "none",
-        }
-    }
-
-    /// Ends the recording and replays it.
-    fn replay(self) {
-        let (_, journal) = self.run.into_parts();
-        let bytes = journal.finish().unwrap().into_inner();
-        let recording = Recording::open(&bytes).unwrap();
-        let report = replay(&recording, &self.pool).unwrap();
-        assert!(report.identical && report.complete, "{:#?}", report.difference);
     }
 }
 

@@ -4,7 +4,7 @@ pub(crate) mod judge;
 pub(crate) mod run;
 pub(crate) mod setup;
 mod sockets;
-mod virtual_time;
+pub(crate) mod virtual_time;
 
 use std::collections::BTreeMap;
 use std::error::Error;

@@ -21,7 +21,7 @@ use super::setup::{Setup, VIEW_COUNT};
 
 /// How a run ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Ended {
+pub(crate) enum Ended {
     Finished,
     Fault(&'static str),
     Hung,
@@ -29,22 +29,22 @@ pub(super) enum Ended {
 
 /// What is seen of a run.
 #[derive(Debug)]
-pub(super) struct Outcome {
-    pub(super) ended: Ended,
-    pub(super) end_ns: u64,
+pub(crate) struct Outcome {
+    pub(crate) ended: Ended,
+    pub(crate) end_ns: u64,
     /// Connections to the camera.
-    pub(super) connect_count: u64,
+    pub(crate) connect_count: u64,
     /// Triggers of a second or later attempt.
-    pub(super) retake_count: u64,
-    pub(super) fetch_count: u64,
+    pub(crate) retake_count: u64,
+    pub(crate) fetch_count: u64,
     /// Views without a frame.
-    pub(super) missing_count: u64,
+    pub(crate) missing_count: u64,
     /// Faults of triggers that happened; where that is not known, all that were drawn.
-    pub(super) met: Vec<CameraFault>,
-    pub(super) met_is_known: bool,
-    pub(super) judge: Judge,
-    pub(super) violations: Vec<String>,
-    pub(super) events: Vec<(u64, Event)>,
+    pub(crate) met: Vec<CameraFault>,
+    pub(crate) met_is_known: bool,
+    pub(crate) judge: Judge,
+    pub(crate) violations: Vec<String>,
+    pub(crate) events: Vec<(u64, Event)>,
 }
 
 /// Renders each acquisition once, however many runs see it.
@@ -83,24 +83,28 @@ impl Darkroom {
 }
 
 /// Controller of a small run of this setup.
-pub(super) fn controller(setup: &Setup) -> Result<Controller, String> {
+pub(crate) fn controller(setup: &Setup) -> Result<Controller, String> {
     let recipe = Recipe::parse("camera-faults.toml", RECIPE).map_err(|error| error.to_string())?;
     let station = Station::builtin_simulated();
     let views = NonZeroUsize::new(VIEW_COUNT).ok_or("no views")?;
     let plan = Plan::new(&recipe, &station, Seed(setup.seed)).map_err(|error| error.to_string())?;
-    let header = Header {
+    Ok(Controller::new(header(setup), &recipe, &station, plan.truncated(views)))
+}
+
+/// What names that run.
+pub(crate) fn header(setup: &Setup) -> Header {
+    Header {
         seed: Seed(setup.seed),
         run_id: setup.seed.max(1),
-        recipe: recipe.name.clone(),
-        station: station.name.clone(),
+        recipe: "camera-faults".into(),
+        station: Station::builtin_simulated().name,
         view_count: Some(VIEW_COUNT),
         ..Header::default()
-    };
-    Ok(Controller::new(header, &recipe, &station, plan.truncated(views)))
+    }
 }
 
 /// The scene of every run: frames depend on their trigger alone.
-pub(super) fn scene(setup: &Setup, speed: f64) -> Scene {
+pub(crate) fn scene(setup: &Setup, speed: f64) -> Scene {
     let station = Station::builtin_simulated();
     Scene {
         seed: 1,
@@ -113,7 +117,7 @@ pub(super) fn scene(setup: &Setup, speed: f64) -> Scene {
 }
 
 /// Does a job as far as it matters here: a frame is prepared, its registration is taken as found.
-pub(super) fn finish_job(job_id: u32, job: &Job) -> Input {
+pub(crate) fn finish_job(job_id: u32, job: &Job) -> Input {
     let output = match job {
         Job::Prepare { .. } | Job::Compare(_) => job.run(&mut |_| ()),
         Job::Register(job) => JobOutput::Registered {
@@ -137,7 +141,7 @@ pub(super) fn finish_job(job_id: u32, job: &Job) -> Input {
 
 /// Faults of triggers that a run met.
 #[derive(Debug)]
-pub(super) enum Met {
+pub(crate) enum Met {
     /// These happened.
     Happened(Vec<CameraFault>),
     /// These may have happened.
@@ -146,16 +150,16 @@ pub(super) enum Met {
 
 /// Counts what leaves the controller.
 #[derive(Debug, Default)]
-pub(super) struct Watch {
-    pub(super) judge: Judge,
-    pub(super) connect_count: u64,
-    pub(super) fetch_count: u64,
-    pub(super) events: Vec<(u64, Event)>,
+pub(crate) struct Watch {
+    pub(crate) judge: Judge,
+    pub(crate) connect_count: u64,
+    pub(crate) fetch_count: u64,
+    pub(crate) events: Vec<(u64, Event)>,
 }
 
 impl Watch {
     /// Sees an output before it is carried out.
-    pub(super) fn see(&mut self, now_ns: u64, output: &Output) {
+    pub(crate) fn see(&mut self, now_ns: u64, output: &Output) {
         match output {
             Output::Camera(bladescan::camera::CameraOutput::Connect) => self.connect_count += 1,
             Output::Camera(bladescan::camera::CameraOutput::Bytes { bytes, .. }) => {
@@ -175,7 +179,7 @@ impl Watch {
     }
 
     /// What came of the run.
-    pub(super) fn outcome(self, ending: Option<&Ending>, end_ns: u64, met: Met, violations: Vec<String>) -> Outcome {
+    pub(crate) fn outcome(self, ending: Option<&Ending>, end_ns: u64, met: Met, violations: Vec<String>) -> Outcome {
         let count =
             |is_counted: fn(&Event) -> bool| self.events.iter().filter(|(_, event)| is_counted(event)).count() as u64;
         Outcome {
@@ -203,12 +207,12 @@ impl Watch {
 
 impl Outcome {
     /// Everything that was told, and when: the same for every run of the same setup.
-    pub(super) fn told(&self) -> String {
+    pub(crate) fn told(&self) -> String {
         format!("{:?} {} {:?}", self.ended, self.end_ns, self.events)
     }
 
     /// Everything that must not be.
-    pub(super) fn wrongs(&self) -> Vec<String> {
+    pub(crate) fn wrongs(&self) -> Vec<String> {
         let mut wrongs = self.judge.faults();
         if self.ended == Ended::Hung {
             wrongs.push("hung".to_owned());
@@ -218,7 +222,8 @@ impl Outcome {
     }
 }
 
-const RECIPE: &str = r#"
+/// The recipe of every run.
+pub(crate) const RECIPE: &str = r#"
 name = "camera-faults"
 [blade]
 cad = "builtin:hpt-a"

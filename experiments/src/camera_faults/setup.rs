@@ -7,11 +7,11 @@ use rand_chacha::ChaCha8Rng;
 
 /// What a run depends on.
 #[derive(Debug, Clone)]
-pub(super) struct Setup {
-    pub(super) faults: Vec<Fault>,
+pub(crate) struct Setup {
+    pub(crate) faults: Vec<Fault>,
     /// Longest piece that the camera's bytes come in.
-    pub(super) piece_bytes_max: usize,
-    pub(super) seed: u64,
+    pub(crate) piece_bytes_max: usize,
+    pub(crate) seed: u64,
 }
 
 /// How long what lasts may last, s.
@@ -22,7 +22,7 @@ pub(crate) struct Spans {
 }
 
 /// The run of this seed.
-pub(super) fn draw(seed: u64, spans: Spans) -> Setup {
+pub(crate) fn draw(seed: u64, spans: Spans) -> Setup {
     let mut chance = ChaCha8Rng::seed_from_u64(seed);
     let fault_count = chance.random_range(1..=4);
     let faults = (0..fault_count).map(|_| draw_fault(&mut chance, spans)).collect();
@@ -34,7 +34,7 @@ pub(super) fn draw(seed: u64, spans: Spans) -> Setup {
 }
 
 /// Every fault at every phase, each alone at view 1.
-pub(super) fn each_alone(spans: Spans) -> Vec<Setup> {
+pub(crate) fn each_alone(spans: Spans) -> Vec<Setup> {
     let of_triggers = CameraFault::all(1, 0, spans.other_max_s, 403);
     let of_triggers = of_triggers
         .into_iter()
@@ -100,7 +100,7 @@ pub(crate) fn row(fault: &Fault) -> (String, Option<Phase>) {
 }
 
 /// Views of a run.
-pub(super) const VIEW_COUNT: usize = 4;
+pub(crate) const VIEW_COUNT: usize = 4;
 const OF_RUN_FRACTION: f64 = 0.06;
 const RETAKE_FRACTION: f64 = 0.2;
 const CODES: [u16; 8] = [401, 402, 403, 404, 405, 501, 505, 601];

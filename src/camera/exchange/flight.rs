@@ -111,11 +111,16 @@ impl Exchange {
 
     /// The open acquisition ends without a frame.
     pub(super) fn fail(&mut self, reason: String, retryable: bool) {
+        self.fail_with_code(reason, retryable, None);
+    }
+
+    pub(super) fn fail_with_code(&mut self, reason: String, retryable: bool, code: Option<u16>) {
         if let Some(flight) = self.flight.take() {
             self.events.push_back(CameraEvent::Failed {
                 trigger_id: flight.trigger_id,
                 reason,
                 retryable,
+                code,
             });
         }
     }

@@ -132,7 +132,8 @@ impl Exchange {
                 if flight.is_unacknowledged() && is_passing(&error) && error.code >= code::DEVICE_ABNORMAL {
                     self.refuse(words(&error));
                 } else {
-                    self.fail(words(&error), error.retryable || error.code < 300);
+                    let retryable = error.retryable || error.code < 300;
+                    self.fail_with_code(words(&error), retryable, Some(error.code));
                 }
                 // A request that is out has its own answer, and what follows follows from that.
                 if !matches!(self.stage, Stage::Asking { .. }) {

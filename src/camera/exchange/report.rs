@@ -76,6 +76,8 @@ pub enum CameraEvent {
         reason: String,
         /// Whether another attempt may help.
         retryable: bool,
+        /// The camera's error code, where it sent one.
+        code: Option<u16>,
     },
     /// The connection is lost and being opened again.
     Away {

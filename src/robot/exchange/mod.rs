@@ -154,6 +154,12 @@ impl Exchange {
         self.waiting.clear();
     }
 
+    /// Bytes of an act were not sent and never will be.
+    pub fn handle_withheld(&mut self, now: Stamp) {
+        self.wire.handle_withheld(now);
+        self.hear(now);
+    }
+
     /// The connection stands.
     pub fn handle_connected(&mut self, now: Stamp) {
         self.wire.handle_connected(now);

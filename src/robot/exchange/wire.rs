@@ -128,6 +128,10 @@ impl Wire {
         }
     }
 
+    pub(super) fn handle_withheld(&mut self, now: Stamp) {
+        self.host(now, |link| link.handle_withheld(now));
+    }
+
     pub(super) fn handle_connected(&mut self, now: Stamp) {
         self.host(now, |link| link.handle_connected(now));
     }

@@ -19,6 +19,8 @@ pub trait HostLink: Debug + Send {
     /// Forgets the open transaction, so that another can follow as soon as the wire allows. What has been sent of it may
     /// still take effect.
     fn give_up(&mut self, now: Stamp);
+    /// Something put out for the open transaction was not sent and never will be.
+    fn handle_withheld(&mut self, now: Stamp);
     /// The connection that was asked for stands.
     fn handle_connected(&mut self, now: Stamp);
     /// The connection could not be opened, or was closed by the other side.

@@ -210,18 +210,23 @@ impl<J: Journal> Journalled<J> {
     fn put_out(&mut self, now: Stamp, output: Output) {
         match &output {
             Output::Robot(RobotOutput::Bytes { kind, .. }) if kind.waits_for_journal() => {
-                self.withhold(Device::Robot);
-                return self.wait(now, Device::Robot, output);
+                // It waits on from where the older began, or a disk that is too slow would never be noticed.
+                let since = self.withhold(Device::Robot).unwrap_or(now);
+                return self.wait(since, Device::Robot, output);
             }
             Output::Robot(RobotOutput::Bytes { kind: Kind::Set, .. })
             | Output::Robot(RobotOutput::Connect | RobotOutput::Close)
-            | Output::Event(Event::HoldAsked { .. }) => self.withhold(Device::Robot),
+            | Output::Event(Event::HoldAsked { .. }) => {
+                self.withhold(Device::Robot);
+            }
             Output::Camera(CameraOutput::Bytes { .. }) if self.camera_is_cut => return,
             // Its messages are numbered: none overtakes another.
             Output::Camera(CameraOutput::Bytes { act, .. }) if *act || self.something_waits_for(Device::Camera) => {
                 return self.wait(now, Device::Camera, output);
             }
-            Output::Camera(CameraOutput::Close) => self.withhold(Device::Camera),
+            Output::Camera(CameraOutput::Close) => {
+                self.withhold(Device::Camera);
+            }
             Output::Camera(CameraOutput::Connect) => {
                 self.withhold(Device::Camera);
                 self.camera_is_cut = false;
@@ -232,7 +237,7 @@ impl<J: Journal> Journalled<J> {
         self.outputs.push_back(output);
     }
 
-    fn wait(&mut self, now: Stamp, device: Device, output: Output) {
+    fn wait(&mut self, since: Stamp, device: Device, output: Output) {
         if self.has_failed {
             self.camera_is_cut |= device == Device::Camera;
             return;
@@ -241,7 +246,7 @@ impl<J: Journal> Journalled<J> {
             device,
             output,
             record_count: self.recorded_count,
-            since: now,
+            since,
         });
     }
 
@@ -250,12 +255,13 @@ impl<J: Journal> Journalled<J> {
     }
 
     /// What waits for this device never leaves; the recording says that it was put out, so it says this as well.
-    fn withhold(&mut self, device: Device) {
-        let before = self.waiting.len();
+    /// Since when the first of it waited.
+    fn withhold(&mut self, device: Device) -> Option<Stamp> {
+        let first = self.waiting.iter().find(|waiting| waiting.device == device)?;
+        let since = first.since;
         self.waiting.retain(|waiting| waiting.device != device);
-        if self.waiting.len() < before {
-            self.news.push_back(Input::Withheld { device });
-        }
+        self.news.push_back(Input::Withheld { device });
+        Some(since)
     }
 
     fn sync(&mut self, now: Stamp, view_index: usize, attempt: u16) {
@@ -312,7 +318,8 @@ impl<J: Journal> Journalled<J> {
 
     /// When what waits longest has waited too long.
     fn slow_at(&self) -> Option<Stamp> {
-        let act = self.waiting.front().map(|waiting| waiting.since.plus_ms(FLUSH_MS_MAX));
+        let longest = self.waiting.iter().map(|waiting| waiting.since).min();
+        let act = longest.map(|since| since.plus_ms(FLUSH_MS_MAX));
         let frame = self
             .unsynced
             .front()

@@ -162,6 +162,18 @@ fn a_newer_act_of_the_robot_takes_the_place_of_one_that_waits() {
 }
 
 #[test]
+fn a_disk_that_is_too_slow_is_noticed_though_the_act_is_said_again_and_again() {
+    let mut run = run_on(Slow::default());
+    for ms in [1, 400, 800] {
+        say(&mut run, at(ms), robot("servo on", Kind::Act));
+    }
+    run.handle_wake(at(1000));
+    assert!(!run.has_failed());
+    run.handle_wake(at(1001));
+    assert!(run.has_failed());
+}
+
+#[test]
 fn a_closed_connection_takes_what_waits_for_it_along() {
     let mut run = run_on(Slow::default());
     say(&mut run, at(1), robot("start", Kind::Act));

@@ -213,6 +213,12 @@ impl Arm {
         self.handle_exchange_events(now);
     }
 
+    /// Bytes of an act were not sent and never will be.
+    pub fn handle_withheld(&mut self, now: Stamp) {
+        self.exchange.handle_withheld(now);
+        self.handle_exchange_events(now);
+    }
+
     /// The connection stands.
     pub fn handle_connected(&mut self, now: Stamp) {
         self.exchange.handle_connected(now);

@@ -262,7 +262,9 @@ impl Line {
 
     fn transmit_block(&mut self, index: usize) {
         let bytes = self.outgoing.as_ref().map(|outgoing| outgoing.blocks[index].encode());
-        self.transmit(bytes.expect("a block is only sent while there is something to send"));
+        let bytes = bytes.expect("a block is only sent while there is something to send");
+        let kind = self.outgoing.as_ref().map_or(Kind::Ask, |outgoing| outgoing.kind);
+        self.outbox.push_back((bytes, kind));
     }
 
     fn handle_acknowledged(&mut self, now: Stamp, index: usize) {
@@ -434,14 +436,10 @@ impl Line {
         self.outbox.push_back((vec![DLE, b'0' + number as u8], Kind::Ask));
     }
 
+    /// A control character does nothing by itself: what acts is a block. None waits, least of all the end that makes room for
+    /// a hold.
     fn transmit(&mut self, bytes: Vec<u8>) {
-        let kind = self.outgoing.as_ref().map_or(Kind::Ask, |outgoing| outgoing.kind);
-        let kind = if matches!(self.state, State::Receiving(_)) {
-            Kind::Ask
-        } else {
-            kind
-        };
-        self.outbox.push_back((bytes, kind));
+        self.outbox.push_back((bytes, Kind::Ask));
     }
 
     fn noise(&mut self, reason: String, malformed: bool) {

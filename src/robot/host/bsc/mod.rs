@@ -165,6 +165,9 @@ impl HostLink for SerialLink {
         self.hear_line(now);
     }
 
+    /// A block that is given up is not waited for anyway.
+    fn handle_withheld(&mut self, _now: Stamp) {}
+
     /// A serial line is open or it is not: nothing connects it.
     fn handle_connected(&mut self, _now: Stamp) {}
 

@@ -97,18 +97,17 @@ fn commands_of_the_page_are_said_byte_by_byte() {
     ] {
         let mut link = SerialLink::new(SETTINGS);
         link.say(at(0), &command).unwrap();
-        let kind = command.kind();
-        let out = |bytes: &[u8]| {
+        let out = |bytes: &[u8], kind| {
             Some(RobotOutput::Bytes {
                 bytes: bytes.to_vec(),
                 kind,
             })
         };
-        assert_eq!(link.poll_output(), out(ENQ));
+        assert_eq!(link.poll_output(), out(ENQ, Kind::Ask));
         link.handle_bytes(at(1), &bsc("ack0"));
-        assert_eq!(link.poll_output(), out(&bsc(name)), "{name}");
+        assert_eq!(link.poll_output(), out(&bsc(name), command.kind()), "{name}");
         link.handle_bytes(at(2), &bsc("ack1"));
-        assert_eq!(link.poll_output(), out(EOT));
+        assert_eq!(link.poll_output(), out(EOT, Kind::Ask));
         assert_eq!(link.poll_output(), None);
     }
 }

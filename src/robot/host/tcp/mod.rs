@@ -124,6 +124,14 @@ impl HostLink for TcpLink {
         }
     }
 
+    /// No answer will come to what is given up. A request that left without its data ends with its connection.
+    fn handle_withheld(&mut self, _now: Stamp) {
+        let withheld = self.open.take_if(|open| matches!(open.step, Step::GivenUp { .. }));
+        if withheld.is_some_and(|open| size(&open.phrase) > 0) {
+            self.close();
+        }
+    }
+
     fn handle_connected(&mut self, now: Stamp) {
         if !matches!(self.state, State::Connecting { .. }) {
             return;
