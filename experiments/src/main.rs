@@ -69,6 +69,8 @@ enum Command {
     Processes(processes::ProcessesArguments),
     /// Makes whole runs in which anything may go wrong, and takes them up again.
     Chaos(chaos::ChaosArguments),
+    /// Makes a day's runs, one after the other, and watches memory and files.
+    Soak(chaos::soak::SoakArguments),
     /// Makes whole runs on a disk that is full, read-only or slow from each record on.
     Disk(disk::DiskArguments),
     /// Measures how soon a hold reaches the robot over each link while a registration keeps all cores busy.
@@ -96,6 +98,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Command::CameraFaults(arguments) => camera_faults::run(&arguments),
         Command::Processes(arguments) => processes::run(&arguments),
         Command::Chaos(arguments) => chaos::run(&arguments),
+        Command::Soak(arguments) => chaos::soak::run(&arguments),
         Command::Disk(arguments) => disk::run(&arguments),
         Command::Hold(arguments) => hold::run(&arguments),
         Command::Speed => speed::run(),

@@ -6,7 +6,7 @@ use std::io::{self, Seek, SeekFrom, Write};
 use std::rc::Rc;
 
 use bladescan::journal::{Record, Topic, Writer};
-use bladescan::run::{Journal, JournalError, Progress};
+use bladescan::run::{Journal, JournalError, JournalFile, Progress};
 
 /// One file on one disk. Clones are the same file.
 #[derive(Debug, Clone, Default)]
@@ -307,6 +307,42 @@ impl Journal for DiskJournal {
                 flushed_count: state.count_within(state.left),
                 synced_count: state.count_within(state.kept),
             }),
+        }
+    }
+}
+
+/// A recording of a run: on a disk that is a model, or in a real file.
+pub(super) enum RunJournal {
+    Model(Box<DiskJournal>),
+    File(JournalFile),
+}
+
+impl Journal for RunJournal {
+    fn record(&mut self, record: Record) -> Result<(), JournalError> {
+        match self {
+            Self::Model(journal) => journal.record(record),
+            Self::File(journal) => journal.record(record),
+        }
+    }
+
+    fn flush(&mut self) -> Result<(), JournalError> {
+        match self {
+            Self::Model(journal) => journal.flush(),
+            Self::File(journal) => journal.flush(),
+        }
+    }
+
+    fn sync(&mut self) -> Result<(), JournalError> {
+        match self {
+            Self::Model(journal) => journal.sync(),
+            Self::File(journal) => journal.sync(),
+        }
+    }
+
+    fn progress(&self) -> Result<Progress, JournalError> {
+        match self {
+            Self::Model(journal) => journal.progress(),
+            Self::File(journal) => journal.progress(),
         }
     }
 }

@@ -66,6 +66,8 @@ pub(super) struct Setup {
     pub(super) job_ns: u64,
     /// Whether the process is killed after its run and before its recording's end.
     pub(super) ends_abruptly: bool,
+    /// Whether its recording is replayed at the end.
+    pub(super) is_replayed: bool,
 }
 
 impl Kind {
@@ -179,6 +181,7 @@ pub(super) fn draw(seed: u64, clean_ns: impl Fn(usize) -> u64) -> Setup {
         piece_bytes_max: if chance.random() { usize::MAX } else { 1000 },
         job_ns: chance.random_range(20_000_000..600_000_000),
         ends_abruptly: chance.random::<f64>() < ENDS_ABRUPTLY_FRACTION,
+        is_replayed: true,
     }
 }
 

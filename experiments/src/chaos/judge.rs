@@ -107,8 +107,8 @@ impl Judge {
         }
     }
 
-    /// Something leaves the controller. `disk` is that of its recording.
-    pub(super) fn handle_output(&mut self, output: &Output, disk: &Disk, journal_failed: bool) {
+    /// Something leaves the controller. `disk` is that of its recording, where it is a model.
+    pub(super) fn handle_output(&mut self, output: &Output, disk: Option<&Disk>, journal_failed: bool) {
         match output {
             Output::Robot(RobotOutput::Bytes { bytes, kind }) if kind.waits_for_journal() => {
                 self.handle_act("robot", bytes, disk, journal_failed);
@@ -184,13 +184,13 @@ impl Judge {
         self.wrongs
     }
 
-    fn handle_act(&mut self, device: &str, bytes: &[u8], disk: &Disk, journal_failed: bool) {
+    fn handle_act(&mut self, device: &str, bytes: &[u8], disk: Option<&Disk>, journal_failed: bool) {
         if journal_failed {
             self.wrong(
                 Bar::LeftEarly,
                 format!("for the {device}, after the journal had failed"),
             );
-        } else if !disk.has_left(bytes) {
+        } else if disk.is_some_and(|disk| !disk.has_left(bytes)) {
             self.wrong(Bar::LeftEarly, format!("for the {device}, before its record"));
         }
     }

@@ -5,6 +5,7 @@ mod disk;
 mod draw;
 mod judge;
 mod network;
+pub(crate) mod soak;
 mod studio;
 mod tally;
 mod world;
@@ -89,8 +90,8 @@ fn drive_all(
             if seed >= first + count {
                 return Ok(outcomes);
             }
-            let mut outcome =
-                world::drive(&setup(studio, seed), studio, &pool).map_err(|error| format!("seed {seed}: {error}"))?;
+            let mut outcome = world::drive(&setup(studio, seed), studio, &pool, None)
+                .map_err(|error| format!("seed {seed}: {error}"))?;
             outcome.forget(count);
             outcomes.push((seed, outcome));
         }
@@ -130,7 +131,7 @@ fn replay_all(
     let (mut identical_count, mut input_count, mut job_count) = (0, 0, 0);
     for seed in arguments.seed..arguments.seed + count {
         let pool = pools[0].as_ref().map_err(|error| error.to_string())?;
-        let outcome = world::drive(&setup(studio, seed), studio, pool)?;
+        let outcome = world::drive(&setup(studio, seed), studio, pool, None)?;
         let recording = Recording::open(&outcome.recording)?;
         for pool in &pools {
             let pool = pool.as_ref().map_err(|error| error.to_string())?;

@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 use std::error::Error;
 use std::num::NonZeroUsize;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 
 use bladescan::camera::CapturedPoints;
@@ -11,15 +13,16 @@ use bladescan::geometry::PointCloud;
 use bladescan::job::{FinishedJob, Job, sha256};
 use bladescan::journal::Writer;
 use bladescan::plan::Plan;
-use bladescan::run::Pool;
+use bladescan::run::{JournalFile, Pool};
 use bladescan::seed::Seed;
 use bladescan::settings::{Recipe, Station};
 use hw_sim::blade::Builtin;
-use hw_sim::camera::render::{Renderer, Surface};
+use hw_sim::camera::render::{Frame, Renderer, Surface};
+use hw_sim::cell::RenderJob;
 use hw_sim::fault::Fault;
 use hw_sim::scene::Scene;
 
-use super::disk::{Disk, DiskJournal};
+use super::disk::{Disk, DiskJournal, RunJournal};
 use super::draw::{Setup, UNBROKEN_SEED, VIEW_COUNT_MAX};
 use super::world;
 use crate::camera_faults::run::Darkroom;
@@ -28,7 +31,7 @@ use crate::camera_faults::run::Darkroom;
 pub(super) type Files = BTreeMap<&'static str, Vec<u8>>;
 
 pub(super) struct Studio {
-    pub(super) darkroom: Darkroom,
+    darkroom: Darkroom,
     recipe: Recipe,
     station: Station,
     /// By the attempts whose frames are used.
@@ -36,6 +39,8 @@ pub(super) struct Studio {
     clean_ns: Vec<u64>,
     /// Jobs by the hash of what goes in. Only the run itself is spared them: whoever goes through its recording does them all.
     finished: Mutex<BTreeMap<String, FinishedJob>>,
+    /// Nothing more is remembered.
+    is_complete: AtomicBool,
 }
 
 impl Studio {
@@ -48,11 +53,12 @@ impl Studio {
             unbroken: Mutex::default(),
             clean_ns: Vec::new(),
             finished: Mutex::default(),
+            is_complete: AtomicBool::new(false),
         };
         for view_count in 0..=VIEW_COUNT_MAX {
             let took_ns = match view_count {
                 0 => 0,
-                _ => world::drive(&unbroken_setup(&vec![0; view_count]), &studio, pool)?.end_ns,
+                _ => world::drive(&unbroken_setup(&vec![0; view_count]), &studio, pool, None)?.end_ns,
             };
             studio.clean_ns.push(took_ns);
         }
@@ -75,13 +81,22 @@ impl Studio {
         ))
     }
 
-    /// A new recording of this run, on a disk of its own.
-    pub(super) fn journal(&self, setup: &Setup) -> Result<(DiskJournal, Disk), String> {
+    /// A new recording of this run, on a disk of its own or in a folder.
+    pub(super) fn journal(&self, setup: &Setup, folder: Option<&Path>) -> Result<(RunJournal, Disk), String> {
         let disk = Disk::default();
-        let station_text = Station::BUILTIN_SIMULATED_TEXT;
-        let writer = Writer::begin(disk.clone(), &self.header(setup), START_UNIX_NS, RECIPE, station_text)
-            .map_err(|error| error.to_string())?;
-        Ok((DiskJournal::new(writer, disk.clone(), 0), disk))
+        let (header, station_text) = (self.header(setup), Station::BUILTIN_SIMULATED_TEXT);
+        let journal = match folder {
+            None => {
+                let writer = Writer::begin(disk.clone(), &header, START_UNIX_NS, RECIPE, station_text);
+                let writer = writer.map_err(|error| error.to_string())?;
+                RunJournal::Model(Box::new(DiskJournal::new(writer, disk.clone(), 0)))
+            }
+            Some(folder) => {
+                let journal = JournalFile::create(folder, &header, START_UNIX_NS, RECIPE, station_text);
+                RunJournal::File(journal.map_err(|error| error.to_string())?)
+            }
+        };
+        Ok((journal, disk))
     }
 
     pub(super) fn scene(&self, faults: Vec<Fault>, boot_id: u64) -> Scene {
@@ -102,11 +117,24 @@ impl Studio {
             return Ok(Arc::clone(files));
         }
         drop(known);
-        let outcome = world::drive(&unbroken_setup(attempts), self, pool)?;
+        let outcome = world::drive(&unbroken_setup(attempts), self, pool, None)?;
         let files = Arc::new(outcome.files);
         let mut known = self.unbroken.lock().map_err(|error| error.to_string())?;
         known.insert(attempts.to_vec(), Arc::clone(&files));
         Ok(files)
+    }
+
+    /// From now on nothing more is remembered, so that memory grows by nothing of ours.
+    pub(super) fn complete(&self) {
+        self.is_complete.store(true, Ordering::Relaxed);
+    }
+
+    /// What the camera sees.
+    pub(super) fn frame(&self, job: &RenderJob) -> Frame {
+        match self.is_complete.load(Ordering::Relaxed) {
+            true => self.darkroom.known_or_new(job),
+            false => self.darkroom.frame(job),
+        }
     }
 
     /// What comes of a job, which is a pure function: one that has been done before is not done again.
@@ -120,6 +148,7 @@ impl Studio {
             };
             if let Ok(mut known) = self.finished.lock()
                 && known.len() < FINISHED_COUNT_MAX
+                && !self.is_complete.load(Ordering::Relaxed)
             {
                 known.insert(key, done.clone());
             }
@@ -176,7 +205,7 @@ fn coordinates(cloud: &PointCloud) -> impl Iterator<Item = f64> + '_ {
 }
 
 /// A run in which nothing happens but that the camera misses the triggers before these attempts.
-fn unbroken_setup(attempts: &[u16]) -> Setup {
+pub(super) fn unbroken_setup(attempts: &[u16]) -> Setup {
     let missed =
         |(view, count): (usize, &u16)| (0..*count).map(move |attempt| format!("missed-trigger@{view}.{attempt}"));
     let faults = attempts.iter().enumerate().flat_map(missed);
@@ -190,6 +219,7 @@ fn unbroken_setup(attempts: &[u16]) -> Setup {
         piece_bytes_max: usize::MAX,
         job_ns: 50_000_000,
         ends_abruptly: false,
+        is_replayed: false,
     }
 }
 

@@ -4,6 +4,9 @@ mod happen;
 mod life;
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use std::thread;
+use std::time::{Duration, Instant};
 
 use bladescan::camera::CameraOutput;
 use bladescan::controller::{Command, Controller, Input, Output, ViewRecord};
@@ -17,7 +20,7 @@ use hw_sim::robot::controller::Panel;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::disk::{Disk, DiskJournal, Times};
+use super::disk::{Disk, RunJournal, Times};
 use super::draw::{Happening, Kind, Setup, When};
 use super::judge::{Bar, Judge, is_move};
 use super::network::{LATENCY_NS, Network};
@@ -57,12 +60,13 @@ impl Outcome {
     }
 }
 
-/// Runs `setup` to its end.
-pub(super) fn drive(setup: &Setup, studio: &Studio, pool: &Pool) -> Result<Outcome, String> {
+/// Runs `setup` to its end. It is recorded in `folder`, or on the model of a disk.
+pub(super) fn drive(setup: &Setup, studio: &Studio, pool: &Pool, folder: Option<&Path>) -> Result<Outcome, String> {
     let mut world = World {
         setup,
         studio,
         pool,
+        folder,
         cell: Cell::new(studio.scene(setup.camera_faults.clone(), 1)),
         boot_id: 1,
         faults: setup.camera_faults.clone(),
@@ -120,7 +124,7 @@ struct Met {
 
 /// A process: the run as it carries it, and its file.
 struct Process {
-    run: Journalled<DiskJournal>,
+    run: Journalled<RunJournal>,
     disk: Disk,
     began_ns: u64,
 }
@@ -129,6 +133,7 @@ struct World<'a> {
     setup: &'a Setup,
     studio: &'a Studio,
     pool: &'a Pool,
+    folder: Option<&'a Path>,
     cell: Cell,
     boot_id: u64,
     /// Faults of the camera that may still happen.
@@ -182,6 +187,7 @@ impl World<'_> {
             };
             let is_finished = rebuilt.controller.is_over() && rebuilt.controller.ending() == Some(&Ending::Finished);
             if is_finished || taken_up_count == TAKEN_UP_MAX {
+                self.check_replay(&recording);
                 self.files = rebuilt.files;
                 let ended = if is_finished { Ended::Finished } else { Ended::GivenUp };
                 return self.concluded(ended, &rebuilt.controller, recording);
@@ -193,7 +199,7 @@ impl World<'_> {
     }
 
     fn first(&mut self) -> Result<(Process, Beginning), String> {
-        let (journal, disk) = self.studio.journal(self.setup)?;
+        let (journal, disk) = self.studio.journal(self.setup, self.folder)?;
         let run = Journalled::new(self.studio.controller(self.setup)?, journal, START_UNIX_NS);
         Ok((self.begun(run, disk), Beginning::default()))
     }
@@ -249,6 +255,7 @@ impl World<'_> {
         }
         self.tell_run(process, beginning.input);
         while !process.run.controller().is_over() && self.end.is_none() {
+            self.wait_for_file(process);
             let next = [
                 self.wire.keys().next().map(|(at_ns, _)| *at_ns),
                 process.run.wake_at().map(|stamp| stamp.ns),
@@ -276,6 +283,16 @@ impl World<'_> {
                 process.run.handle_wake(Stamp { ns: now_ns });
                 self.carry_out(process);
             }
+        }
+    }
+
+    /// A real file takes real time, in which nothing else happens.
+    fn wait_for_file(&mut self, process: &mut Process) {
+        let since = Instant::now();
+        while self.folder.is_some() && process.run.is_waiting() && since.elapsed() < FILE_TIME_MAX {
+            thread::sleep(FILE_PAUSE);
+            process.run.handle_progress(Stamp { ns: self.now_ns });
+            self.carry_out(process);
         }
     }
 
@@ -336,8 +353,8 @@ impl World<'_> {
 
     fn carry_out(&mut self, process: &mut Process) {
         while let Some(output) = process.run.poll_output() {
-            self.judge
-                .handle_output(&output, &process.disk, process.run.has_failed());
+            let disk = Some(&process.disk).filter(|_| self.folder.is_none());
+            self.judge.handle_output(&output, disk, process.run.has_failed());
             match output {
                 Output::Robot(RobotOutput::Bytes { bytes, .. }) => {
                     let decision = is_move(&bytes).then(|| self.judge.decision());
@@ -447,7 +464,7 @@ impl World<'_> {
                     self.send(LATENCY_NS, Delivery::FromCamera(connection, closed));
                 }
                 cell::Output::Render(job) => {
-                    let frame = self.studio.darkroom.frame(&job);
+                    let frame = self.studio.frame(&job);
                     self.judge.frames().handle_rendered(job.draws.trigger_id, &frame);
                     self.ask_cell(cell::Input::Rendered { job: job.job, frame });
                 }
@@ -496,6 +513,9 @@ const CHANCE_SALT: u64 = 0x5EED;
 const FIRST_PORT: u16 = 5000;
 /// How often the operator takes a run up again.
 const TAKEN_UP_MAX: u32 = 6;
+/// Longer than a real file may take.
+const FILE_TIME_MAX: Duration = Duration::from_secs(30);
+const FILE_PAUSE: Duration = Duration::from_micros(20);
 /// No process may take longer: four things of the longest kind, each waited for as long as the station allows.
 const PROCESS_NS_MAX: u64 = 900_000_000_000;
 /// Between a hold and the word after it.
