@@ -6,6 +6,7 @@ mod bsc;
 mod camera;
 mod camera_faults;
 mod cases;
+mod chaos;
 mod cleaning;
 mod disk;
 mod doubt;
@@ -66,6 +67,10 @@ enum Command {
     CameraFaults(camera_faults::CameraFaultsArguments),
     /// Kills real runs at random instants, resumes them, and looks for what is lost or moved twice.
     Processes(processes::ProcessesArguments),
+    /// Makes whole runs in which anything may go wrong, and takes them up again.
+    Chaos(chaos::ChaosArguments),
+    /// Makes a day's runs, one after the other, and watches memory and files.
+    Soak(chaos::soak::SoakArguments),
     /// Makes whole runs on a disk that is full, read-only or slow from each record on.
     Disk(disk::DiskArguments),
     /// Measures how soon a hold reaches the robot over each link while a registration keeps all cores busy.
@@ -92,6 +97,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Command::Camera(arguments) => camera::run(&arguments),
         Command::CameraFaults(arguments) => camera_faults::run(&arguments),
         Command::Processes(arguments) => processes::run(&arguments),
+        Command::Chaos(arguments) => chaos::run(&arguments),
+        Command::Soak(arguments) => chaos::soak::run(&arguments),
         Command::Disk(arguments) => disk::run(&arguments),
         Command::Hold(arguments) => hold::run(&arguments),
         Command::Speed => speed::run(),

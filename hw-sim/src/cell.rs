@@ -10,7 +10,7 @@ use crate::camera::optics::Optics;
 use crate::camera::render::{Capture, Draws, Frame, Renderer};
 use crate::camera::trouble::CameraFault;
 use crate::pose_error::{calibration_error, pose_error};
-use crate::robot::controller::{Panel, Settings};
+use crate::robot::controller::{Controller, Panel, Settings};
 use crate::robot::hses::Port;
 use crate::robot::ports::{PortInput, PortOutput, Ports};
 use crate::scene::Scene;
@@ -244,6 +244,11 @@ impl Cell {
     /// Faults of the camera's triggers that have happened so far.
     pub fn met_camera_faults(&self) -> Vec<CameraFault> {
         self.camera.met_faults()
+    }
+
+    /// The robot controller, to look at.
+    pub fn robot(&mut self) -> &mut Controller {
+        self.robot.controller()
     }
 
     /// Everything true so far.

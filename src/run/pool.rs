@@ -13,7 +13,16 @@ pub struct Pool {
 impl Pool {
     /// A pool of as many threads as the machine has cores, or as `RAYON_NUM_THREADS` says.
     pub fn new() -> Result<Self, rayon::ThreadPoolBuildError> {
-        let threads = rayon::ThreadPoolBuilder::new()
+        Self::built(rayon::ThreadPoolBuilder::new())
+    }
+
+    /// A pool of so many threads.
+    pub fn with_threads(thread_count: usize) -> Result<Self, rayon::ThreadPoolBuildError> {
+        Self::built(rayon::ThreadPoolBuilder::new().num_threads(thread_count))
+    }
+
+    fn built(builder: rayon::ThreadPoolBuilder) -> Result<Self, rayon::ThreadPoolBuildError> {
+        let threads = builder
             .thread_name(|index| format!("job-{index}"))
             .start_handler(|_| give_way())
             .build()?;

@@ -173,6 +173,19 @@ fn a_run_can_be_taken_up_again_and_again() {
 }
 
 #[test]
+fn a_run_killed_among_its_last_records_replays_without_a_difference_and_is_not_complete() {
+    let (_, bytes) = unbroken();
+    let count = records(&bytes).len();
+    let pool = Pool::new().unwrap();
+    for (missing_count, complete) in [(0, true), (1, false), (8, false)] {
+        let cut = cut(&bytes, count - missing_count);
+        let report = replay(&Recording::open(&cut).unwrap(), &pool).unwrap();
+        assert!(report.identical, "{missing_count}: {:?}", report.difference);
+        assert_eq!(report.complete, complete, "{missing_count}");
+    }
+}
+
+#[test]
 fn a_blade_that_sits_where_it_sat_passes_and_one_that_has_moved_stops_the_run() {
     let mut pair = Pair::new(3, &[], 0.0, 1);
     assert!(pair.drive_until(|event| matches!(event, Event::FrameArrived { view_index: 1, .. })));

@@ -14,16 +14,16 @@ pub(crate) struct Judge {
     accepted_views: BTreeSet<usize>,
     accepted_count: u64,
     /// Frames whose bytes are not those rendered for their trigger.
-    pub(super) wrong: Vec<String>,
+    pub(crate) wrong: Vec<String>,
     /// Frames with fewer bytes than were rendered.
-    pub(super) partial: Vec<String>,
+    pub(crate) partial: Vec<String>,
     /// Views that got a second frame.
-    pub(super) duplicate: Vec<String>,
+    pub(crate) duplicate: Vec<String>,
 }
 
 impl Judge {
     /// The simulator rendered a frame.
-    pub(super) fn handle_rendered(&mut self, trigger_id: u64, frame: &Frame) {
+    pub(crate) fn handle_rendered(&mut self, trigger_id: u64, frame: &Frame) {
         let xyz: Vec<u8> = frame
             .xyz_mm
             .iter()
@@ -35,7 +35,7 @@ impl Judge {
     }
 
     /// The run takes a frame as data of a view.
-    pub(super) fn handle_accepted(&mut self, view_index: usize, capture: &Capture) {
+    pub(crate) fn handle_accepted(&mut self, view_index: usize, capture: &Capture) {
         let trigger_id = capture.trigger_id.0;
         let about = format!("view {view_index}, trigger {trigger_id:#x}");
         self.accepted_count += 1;
@@ -63,12 +63,12 @@ impl Judge {
     }
 
     /// Frames taken as data.
-    pub(super) fn accepted_count(&self) -> u64 {
+    pub(crate) fn accepted_count(&self) -> u64 {
         self.accepted_count
     }
 
     /// Everything that must not be.
-    pub(super) fn faults(&self) -> Vec<String> {
+    pub(crate) fn faults(&self) -> Vec<String> {
         let named = |name: &'static str, list: &[String]| -> Vec<String> {
             list.iter().map(|about| format!("{name} frame: {about}")).collect()
         };

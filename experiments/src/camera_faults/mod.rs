@@ -1,6 +1,6 @@
 //! Whole runs against a camera that goes wrong, many times: nothing wrong may become data, and every run ends.
 
-mod judge;
+pub(crate) mod judge;
 pub(crate) mod run;
 pub(crate) mod setup;
 mod sockets;

@@ -63,22 +63,29 @@ impl Darkroom {
     }
 
     pub(crate) fn frame(&self, job: &RenderJob) -> Frame {
-        let known = self.frames.lock().ok().and_then(|frames| {
-            let (before, frame) = frames.get(&job.draws.trigger_id)?;
-            (RenderJob {
-                job: job.job,
-                ..*before
-            } == *job)
-                .then(|| Arc::clone(frame))
-        });
-        if let Some(frame) = known {
-            return (*frame).clone();
+        if let Some(known) = self.known(job) {
+            return known;
         }
         let frame = job.run(&self.renderer);
         if let Ok(mut frames) = self.frames.lock() {
             frames.insert(job.draws.trigger_id, (*job, Arc::new(frame.clone())));
         }
         frame
+    }
+
+    /// The same, but what is rendered is not remembered.
+    pub(crate) fn known_or_new(&self, job: &RenderJob) -> Frame {
+        self.known(job).unwrap_or_else(|| job.run(&self.renderer))
+    }
+
+    fn known(&self, job: &RenderJob) -> Option<Frame> {
+        let frames = self.frames.lock().ok()?;
+        let (before, frame) = frames.get(&job.draws.trigger_id)?;
+        let is_known = RenderJob {
+            job: job.job,
+            ..*before
+        } == *job;
+        is_known.then(|| (**frame).clone())
     }
 }
 

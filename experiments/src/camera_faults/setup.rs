@@ -55,7 +55,7 @@ pub(crate) fn each_alone(spans: Spans) -> Vec<Setup> {
         .collect()
 }
 
-fn draw_fault(chance: &mut ChaCha8Rng, spans: Spans) -> Fault {
+pub(crate) fn draw_fault(chance: &mut ChaCha8Rng, spans: Spans) -> Fault {
     if chance.random::<f64>() < OF_RUN_FRACTION {
         return match chance.random_range(0..8) {
             0 => Fault::ConfigEcho,

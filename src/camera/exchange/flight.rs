@@ -327,7 +327,8 @@ fn with_slack_ms(predicted_us: u32) -> u64 {
     u64::from(predicted_us) * 3 / 2000
 }
 
-const TRIGGER_OK_MS: u64 = 500;
+/// 500 ms by the page, after the second that a trigger may wait for the recording.
+const TRIGGER_OK_MS: u64 = 500 + 1000;
 const EXPOSURE_EXTRA_MS: u64 = 1000;
 /// 20 MB/s.
 const TRANSFER_BYTES_PER_MS: u64 = 20_000;
