@@ -64,7 +64,7 @@ pub(super) struct Setup {
     /// Longest piece that the camera's bytes come in.
     pub(super) piece_bytes_max: usize,
     pub(super) job_ns: u64,
-    /// Whether the process is killed after its run and before its recording's end.
+    /// Whether the first process that sees its run to the end is killed before the end of its recording.
     pub(super) ends_abruptly: bool,
     /// Whether its recording is replayed at the end.
     pub(super) is_replayed: bool,
@@ -136,7 +136,9 @@ impl Kind {
             Self::Door | Self::ServoOff => &["robot-servo"],
             Self::KeyOffRemote => &["robot-not-remote"],
             Self::RobotPower => &["robot-silent", "robot-not-held", "robot-servo"],
-            Self::NetworkLoss | Self::NetworkDelay | Self::RobotSilent => &["robot-silent", "robot-not-held"],
+            // A move that is lost three times over leaves the arm where it stood.
+            Self::NetworkLoss => &["robot-silent", "robot-not-held", "robot-elsewhere"],
+            Self::NetworkDelay | Self::RobotSilent => &["robot-silent", "robot-not-held"],
             Self::Camera => &[
                 "camera-lost",
                 "camera-silent",

@@ -71,7 +71,7 @@ impl World<'_> {
                 process.disk.cut(Cut::Power, torn_fraction)
             }
             Some(Sudden::Kill | Sudden::Hang) => process.disk.cut(Cut::Kill, torn_fraction),
-            None if self.setup.ends_abruptly => process.disk.cut(Cut::Kill, torn_fraction),
+            None if core::mem::take(&mut self.ends_abruptly) => process.disk.cut(Cut::Kill, torn_fraction),
             None => finished(journal),
         };
         (file, controller)

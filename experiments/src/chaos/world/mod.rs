@@ -82,6 +82,7 @@ pub(super) fn drive(setup: &Setup, studio: &Studio, pool: &Pool, folder: Option<
         to_come: setup.happenings.clone(),
         event_count: 0,
         met: BTreeMap::new(),
+        ends_abruptly: setup.ends_abruptly,
         end: None,
         judge: Judge::default(),
         files: Files::new(),
@@ -152,6 +153,8 @@ struct World<'a> {
     to_come: Vec<Happening>,
     event_count: usize,
     met: BTreeMap<String, Met>,
+    /// Whether the next process that sees its run to the end is killed before the end of its recording.
+    ends_abruptly: bool,
     end: Option<Sudden>,
     judge: Judge,
     files: Files,
@@ -171,7 +174,7 @@ impl World<'_> {
                 self.judge.wrong(Bar::Hung, about);
                 return Ok(self.outcome(Ended::Hung, false, false, Vec::new()));
             }
-            let is_seen_through = ending == Some(Ending::Finished) && !self.setup.ends_abruptly;
+            let is_seen_through = ending == Some(Ending::Finished) && !self.ends_abruptly;
             let has_failed = process.disk.has_failed();
             let (recording, controller) = self.file_of(process);
             if is_seen_through && !has_failed {
