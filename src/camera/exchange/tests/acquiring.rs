@@ -71,7 +71,7 @@ fn a_late_acquisition_is_aborted_and_everything_is_set_anew() {
 fn a_trigger_that_is_not_acknowledged_is_aborted() {
     let mut bench = Bench::armed();
     bench.exchange.trigger(bench.now(), TRIGGER);
-    bench.pass_ms(500);
+    bench.pass_alive_ms(1500);
     assert_eq!(
         failure(&bench.events),
         Some(("the trigger was not acknowledged in time", true))
