@@ -52,7 +52,7 @@ pub(super) fn main(args: &Args) -> Result<Exit, Failure> {
         )),
         error => Failure::Usage(format!("{}: {error}", path.display())),
     })?;
-    let standing = Standing::of(&rebuilt.controller, recording.is_closed());
+    let standing = Standing::of(&rebuilt.controller);
     match (args.show, args.json) {
         (true, true) => print(&standing.json().to_string())?,
         (true, false) => print(&standing.words())?,
@@ -147,7 +147,7 @@ struct Standing {
 }
 
 impl Standing {
-    fn of(controller: &Controller, is_closed: bool) -> Self {
+    fn of(controller: &Controller) -> Self {
         let count = |is_counted: fn(&ViewOutcome) -> bool| {
             let views = controller.views().iter();
             views.filter(|view| is_counted(&view.outcome)).count()
@@ -156,7 +156,7 @@ impl Standing {
             Some(Ending::Finished) => "finished".to_owned(),
             Some(Ending::Aborted) => "ended by the operator".to_owned(),
             Some(Ending::Faulted { fault }) => format!("stopped by {fault}"),
-            None if is_closed => "not ended".to_owned(),
+            // Nobody else has the recording, so nobody will write its end.
             None => "cut off: the program was killed".to_owned(),
         };
         let left = controller.left();
@@ -176,7 +176,7 @@ impl Standing {
             count => format!("{count} left to take: {}", ranges(&self.left)),
         };
         format!(
-            "The run is {}. Of {} views {} are merged, {} discarded; {left}.",
+            "The run: {}. Of {} views {} are merged, {} discarded; {left}.",
             self.ending, self.planned_count, self.merged_count, self.discarded_count
         )
     }
@@ -201,7 +201,7 @@ fn finish(dir: &Path, rebuilt: &Rebuilt, json: bool) -> Result<Exit, Failure> {
     if json && let Some(summary) = rebuilt.files.get("summary.json") {
         print(String::from_utf8_lossy(summary).trim_end())?;
     }
-    let standing = Standing::of(controller, true);
+    let standing = Standing::of(controller);
     let ending = controller.ending().unwrap_or(&Ending::Finished);
     Ok(exit(ending, standing.merged_count, controller.merged_min_count()))
 }
