@@ -7,9 +7,9 @@ use crate::controller::{Controller, Input, ViewOutcome};
 use crate::event::Ending;
 use crate::journal::Recording;
 use crate::run::{
-    Beginning, Console, JournalFile, Links, Pool, Rebuilt, RecordingFile, ReplayError, put_aside, rebuild, settle,
+    Beginning, Console, JournalFile, Links, Pool, Rebuilt, Recorded, RecordingFile, ReplayError, put_aside, rebuild, settle,
 };
-use crate::settings::{Recipe, Station};
+use crate::settings::Station;
 use crate::stamp::Stamp;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -39,9 +39,10 @@ pub(super) fn main(args: &Args) -> Result<Exit, Failure> {
         .map_err(|error| Failure::Usage(format!("{} is no folder of a run: {error}", args.dir.display())))?;
     let bytes = file.read().map_err(|error| Failure::Usage(error.to_string()))?;
     let recording = Recording::open(&bytes).map_err(|error| Failure::Usage(format!("{}: {error}", path.display())))?;
-    let settings = |error| Failure::Settings(Box::new(error));
-    let recipe = Recipe::parse("recipe.toml", recording.recipe_text()).map_err(settings)?;
-    let station = Station::parse("station.toml", recording.station_text()).map_err(settings)?;
+    let Recorded { recipe, station, .. } = Recorded::read(&recording).map_err(|error| match error {
+        ReplayError::Settings(error) => Failure::Settings(error),
+        error => Failure::Usage(format!("{}: {error}", path.display())),
+    })?;
     let place = Place::of(&recording, &station, args)?;
     let pool = Pool::new().map_err(|error| Failure::Broken(format!("cannot start threads: {error}")))?;
     let mut console = Console::new();

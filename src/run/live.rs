@@ -8,7 +8,7 @@ use super::journalled::Journalled;
 use super::pool::Pool;
 use super::recording_file::FileError;
 use super::robot_wire::RobotWire;
-use super::run_dir;
+use super::run_dir::write_new;
 use super::wires::{self, Place};
 use crate::camera::CameraOutput;
 use crate::controller::{Command, Controller, Input, Output};
@@ -274,7 +274,7 @@ impl Shell<'_> {
                     self.summary.clone_from(&bytes);
                 }
                 if let Err(error) = write_new(&self.dir.join(name), &bytes) {
-                    self.file_error.get_or_insert(error);
+                    self.file_error.get_or_insert(LiveError::File(error));
                 }
             }
             Output::Sync { .. } | Output::ViewCloud { .. } | Output::ViewPose { .. } | Output::Model(_) => {}
@@ -308,10 +308,6 @@ impl Shell<'_> {
             }),
         }
     }
-}
-
-fn write_new(path: &Path, bytes: &[u8]) -> Result<(), LiveError> {
-    run_dir::write_new(path, bytes).map_err(LiveError::File)
 }
 
 const NEWS_MAX: usize = 32;

@@ -1,6 +1,7 @@
 //! Reconstruction of a recorded run under another recipe.
 
 use super::pool::Pool;
+use super::recorded::Recorded;
 use super::recording_file::FileError;
 use super::replay::ReplayError;
 use super::run_dir::write_new;
@@ -8,11 +9,9 @@ use crate::controller::{Controller, Header, Input, Output, Outside, Reconstructe
 use crate::event::Event;
 use crate::job::{FinishedJob, Job};
 use crate::journal::{InputMemo, Record, Recording, Topic, read_input};
-use crate::plan::Plan;
-use crate::settings::{Recipe, Station};
+use crate::settings::Recipe;
 use crate::stamp::Stamp;
 use std::collections::BTreeMap;
-use std::num::NonZeroUsize;
 use std::path::Path;
 use std::time::Instant;
 use thiserror::Error;
@@ -60,14 +59,14 @@ pub fn reconstruct(
     on_event: &mut dyn FnMut(&Event),
 ) -> Result<Reconstructed, ReconstructError> {
     let began = Instant::now();
-    let (recorded, station, plan) = recorded_plan(recording)?;
-    if recipe.view_count() != recorded.view_count() {
+    let recorded = Recorded::read(recording)?;
+    if recipe.view_count() != recorded.recipe.view_count() {
         return Err(ReconstructError::Views {
             planned: recipe.view_count(),
-            recorded: recorded.view_count(),
+            recorded: recorded.recipe.view_count(),
         });
     }
-    let mut reconstruction = Reconstruction::new(header, source, recipe, &station, &plan);
+    let mut reconstruction = Reconstruction::new(header, source, recipe, &recorded.station, &recorded.plan);
     let mut now = || Stamp {
         ns: began.elapsed().as_nanos() as u64,
     };
@@ -76,7 +75,12 @@ pub fn reconstruct(
         now: &mut now,
         on_event,
     };
-    let controller = Controller::new(recording.header().clone(), &recorded, &station, plan);
+    let Recorded {
+        recipe: recorded_recipe,
+        station,
+        plan,
+    } = recorded;
+    let controller = Controller::new(recording.header().clone(), &recorded_recipe, &station, plan);
     let frames = feed(recording, controller, pool, &mut |output| {
         reconstruction.handle_output(output, &mut outside);
     })?;
@@ -153,16 +157,4 @@ pub fn write_files(dir: &Path, files: &[(&'static str, Vec<u8>)]) -> Result<(), 
     files
         .iter()
         .try_for_each(|(name, bytes)| write_new(&dir.join(name), bytes))
-}
-
-/// What the recorded run was to do.
-fn recorded_plan(recording: &Recording<'_>) -> Result<(Recipe, Station, Plan), ReplayError> {
-    let recipe = Recipe::parse("recipe.toml", recording.recipe_text()).map_err(Box::new)?;
-    let station = Station::parse("station.toml", recording.station_text()).map_err(Box::new)?;
-    let plan = Plan::new(&recipe, &station, recording.header().seed)?;
-    let plan = match recording.header().view_count.and_then(NonZeroUsize::new) {
-        Some(view_count) => plan.truncated(view_count),
-        None => plan,
-    };
-    Ok((recipe, station, plan))
 }

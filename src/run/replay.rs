@@ -1,15 +1,15 @@
 //! Replay: the recorded inputs through the same controller and the same jobs, every output compared bit by bit.
 
 use super::pool::Pool;
+use super::recorded::Recorded;
 use crate::controller::{Controller, Input, Output};
 use crate::job::{FinishedJob, hex, sha256};
 use crate::journal::{InputMemo, ReadError, Record, Recording, Topic, input_record, output_records, read_input};
-use crate::plan::{Plan, PlanError};
-use crate::settings::{Recipe, SettingsError, Station};
+use crate::plan::PlanError;
+use crate::settings::SettingsError;
 use crate::stamp::Stamp;
 use serde::Serialize;
 use std::collections::{BTreeMap, VecDeque};
-use std::num::NonZeroUsize;
 use thiserror::Error;
 
 /// What a replay found.
@@ -120,12 +120,7 @@ fn feed<'a>(
     on_output: &'a mut dyn FnMut(&Output),
 ) -> Result<Replayer<'a>, ReplayError> {
     let header = recording.header().clone();
-    let recipe = Recipe::parse("recipe.toml", recording.recipe_text()).map_err(Box::new)?;
-    let station = Station::parse("station.toml", recording.station_text()).map_err(Box::new)?;
-    let mut plan = Plan::new(&recipe, &station, header.seed)?;
-    if let Some(view_count) = header.view_count.and_then(NonZeroUsize::new) {
-        plan = plan.truncated(view_count);
-    }
+    let Recorded { recipe, station, plan } = Recorded::read(recording)?;
     let recorded_by = header.version.clone();
     let mut replayer = Replayer {
         controller: Controller::new(header, &recipe, &station, plan),

@@ -2,7 +2,6 @@
 
 use super::Results;
 use super::proxy::Passed;
-use super::run::recording;
 use bladescan::journal::{Recording, Topic};
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -57,7 +56,7 @@ pub(super) fn judge(
 ) -> Result<Vec<Wrong>, Box<dyn std::error::Error>> {
     let mut wrongs = Vec::new();
     let mut wrong = |text: String| wrongs.push(Wrong(text));
-    let bytes = std::fs::read(recording(dir))?;
+    let bytes = std::fs::read(dir.join("run.mcap"))?;
     let recording = Recording::open(&bytes)?;
     let events = events(&recording)?;
     let arrived = keys(&events, "frame-arrived");

@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::net::SocketAddr;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
@@ -190,11 +190,6 @@ fn wait(child: &mut Child, patience: Duration) -> Result<Option<ExitStatus>, Fai
         }
         std::thread::sleep(TURN);
     }
-}
-
-/// The recording of a run.
-pub(super) fn recording(dir: &Path) -> PathBuf {
-    dir.join("run.mcap")
 }
 
 const VIEWS: &str = "4";
