@@ -5,6 +5,7 @@ mod bound;
 mod bsc;
 mod camera;
 mod camera_faults;
+mod camera_line;
 mod cases;
 mod chaos;
 mod cleaning;

@@ -7,7 +7,8 @@ use crate::controller::{Controller, Input, ViewOutcome};
 use crate::event::Ending;
 use crate::journal::Recording;
 use crate::run::{
-    Beginning, Console, JournalFile, Links, Pool, Rebuilt, Recorded, RecordingFile, ReplayError, put_aside, rebuild, settle,
+    Beginning, Console, JournalFile, Links, Pool, Rebuilt, Recorded, RecordingFile, ReplayError, put_aside, rebuild,
+    settle,
 };
 use crate::settings::Station;
 use crate::stamp::Stamp;

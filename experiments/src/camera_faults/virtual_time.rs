@@ -10,11 +10,12 @@ use bladescan::robot::RobotOutput;
 use bladescan::run::{Journal, JournalError, Journalled, Progress};
 use bladescan::stamp::Stamp;
 use hw_sim::cell::{self, Cell};
-use rand::{RngExt, SeedableRng};
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::run::{Darkroom, Met, Outcome, Watch, controller, finish_job, scene};
 use super::setup::Setup;
+use crate::camera_line::{CameraLine, Passing, pieces};
 
 /// What may be on its way.
 enum Delivery {
@@ -88,9 +89,7 @@ struct Run<'a, J> {
     now_ns: u64,
     wire: BTreeMap<(u64, u64), Delivery>,
     delivery_count: u64,
-    /// The controller's connection to the camera, counted from 1.
-    connection: Option<u64>,
-    connection_count: u64,
+    camera: CameraLine,
     chance: ChaCha8Rng,
     watch: Watch,
     violations: Vec<String>,
@@ -121,8 +120,7 @@ pub(crate) fn drive_on<J: TimedJournal>(
         now_ns: 0,
         wire: BTreeMap::new(),
         delivery_count: 0,
-        connection: None,
-        connection_count: 0,
+        camera: CameraLine::default(),
         watch: Watch::default(),
         violations: Vec::new(),
     };
@@ -152,12 +150,7 @@ impl<J: TimedJournal> Run<'_, J> {
             match first.remove() {
                 Delivery::ToController(input) => self.tell(input),
                 Delivery::ToCamera(input) => self.ask_cell(input),
-                Delivery::FromCamera(connection, input) if self.connection == Some(connection) => {
-                    if matches!(input, Input::CameraClosed { .. }) {
-                        self.connection = None;
-                    }
-                    self.tell(input);
-                }
+                Delivery::FromCamera(connection, input) if self.camera.hears(connection, &input) => self.tell(input),
                 Delivery::FromCamera(..) => (),
                 Delivery::ToRobot(bytes) => self.ask_cell(cell::Input::RobotDatagram {
                     from: ([127, 0, 0, 1], 5000).into(),
@@ -196,28 +189,17 @@ impl<J: TimedJournal> Run<'_, J> {
     }
 
     fn do_with_camera(&mut self, output: CameraOutput) {
-        match (output, self.connection) {
-            (CameraOutput::Connect, _) => {
-                self.connection_count += 1;
-                let connection = self.connection_count;
-                self.connection = Some(connection);
-                self.send(
-                    LATENCY_NS,
-                    Delivery::ToCamera(cell::Input::CameraConnected { connection }),
-                );
-                self.send(2 * LATENCY_NS, Delivery::FromCamera(connection, Input::CameraConnected));
+        for passing in self.camera.handle_output(output) {
+            match passing {
+                Passing::ToCamera { latency_count, input } => {
+                    self.send(latency_count * LATENCY_NS, Delivery::ToCamera(input));
+                }
+                Passing::FromCamera {
+                    latency_count,
+                    connection,
+                    input,
+                } => self.send(latency_count * LATENCY_NS, Delivery::FromCamera(connection, input)),
             }
-            (CameraOutput::Bytes { bytes, .. }, Some(connection)) => {
-                self.send(
-                    LATENCY_NS,
-                    Delivery::ToCamera(cell::Input::CameraBytes { connection, bytes }),
-                );
-            }
-            (CameraOutput::Close, Some(connection)) => {
-                self.connection = None;
-                self.send(LATENCY_NS, Delivery::ToCamera(cell::Input::CameraClosed { connection }));
-            }
-            (CameraOutput::Bytes { .. } | CameraOutput::Close, None) => (),
         }
     }
 
@@ -248,22 +230,10 @@ impl<J: TimedJournal> Run<'_, J> {
         }
     }
 
-    /// Bytes of the camera come in pieces as a stream's do.
     fn carry(&mut self, connection: u64, bytes: &[u8]) {
-        let mut rest = bytes;
-        while !rest.is_empty() {
-            let longest = rest.len().min(self.around.setup.piece_bytes_max);
-            let length = if self.around.setup.piece_bytes_max < usize::MAX {
-                self.chance.random_range(1..=longest)
-            } else {
-                longest
-            };
-            let (piece, behind) = rest.split_at(length);
-            self.send(
-                LATENCY_NS,
-                Delivery::FromCamera(connection, Input::CameraBytes(piece.to_vec())),
-            );
-            rest = behind;
+        for piece in pieces(bytes, self.around.setup.piece_bytes_max, &mut self.chance) {
+            let input = Input::CameraBytes(piece.to_vec());
+            self.send(LATENCY_NS, Delivery::FromCamera(connection, input));
         }
     }
 

@@ -56,7 +56,7 @@ impl World<'_> {
     /// The process is gone: what is left of its file.
     pub(super) fn file_of(&mut self, process: Process) -> (Vec<u8>, Controller) {
         self.active_ns += self.now_ns - process.began_ns;
-        if let Some(connection) = self.connection.take() {
+        if let Some(connection) = self.camera.take() {
             self.send(LATENCY_NS, Delivery::ToCamera(cell::Input::CameraClosed { connection }));
         }
         let torn_fraction = if self.chance.random() {

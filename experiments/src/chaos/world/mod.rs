@@ -25,6 +25,7 @@ use super::draw::{Happening, Kind, Setup, When};
 use super::judge::{Bar, Judge, is_move};
 use super::network::{LATENCY_NS, Network};
 use super::studio::{Files, START_UNIX_NS, Studio};
+use crate::camera_line::{CameraLine, Passing, pieces};
 
 /// How a run came out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -75,8 +76,7 @@ pub(super) fn drive(setup: &Setup, studio: &Studio, pool: &Pool, folder: Option<
         wire: BTreeMap::new(),
         delivery_count: 0,
         process: 0,
-        connection: None,
-        connection_count: 0,
+        camera: CameraLine::default(),
         network: Network::new(setup.seed),
         chance: ChaCha8Rng::seed_from_u64(setup.seed ^ CHANCE_SALT),
         to_come: setup.happenings.clone(),
@@ -146,8 +146,7 @@ struct World<'a> {
     delivery_count: u64,
     /// Number of the process at work, or of the last one.
     process: u64,
-    connection: Option<u64>,
-    connection_count: u64,
+    camera: CameraLine,
     network: Network,
     chance: ChaCha8Rng,
     to_come: Vec<Happening>,
@@ -334,10 +333,7 @@ impl World<'_> {
             (Delivery::FromRobot(to, bytes), Some(process)) if to == number => {
                 self.tell_run(process, Input::RobotBytes(bytes));
             }
-            (Delivery::FromCamera(connection, input), Some(process)) if self.connection == Some(connection) => {
-                if matches!(input, Input::CameraClosed { .. }) {
-                    self.connection = None;
-                }
+            (Delivery::FromCamera(connection, input), Some(process)) if self.camera.hears(connection, &input) => {
                 self.tell_run(process, input);
             }
             (Delivery::ToController(to, input), Some(process)) if to == number => self.tell_run(process, input),
@@ -409,28 +405,17 @@ impl World<'_> {
     }
 
     fn do_with_camera(&mut self, output: CameraOutput) {
-        match (output, self.connection) {
-            (CameraOutput::Connect, _) => {
-                self.connection_count += 1;
-                let connection = self.connection_count;
-                self.connection = Some(connection);
-                self.send(
-                    LATENCY_NS,
-                    Delivery::ToCamera(cell::Input::CameraConnected { connection }),
-                );
-                self.send(2 * LATENCY_NS, Delivery::FromCamera(connection, Input::CameraConnected));
+        for passing in self.camera.handle_output(output) {
+            match passing {
+                Passing::ToCamera { latency_count, input } => {
+                    self.send(latency_count * LATENCY_NS, Delivery::ToCamera(input));
+                }
+                Passing::FromCamera {
+                    latency_count,
+                    connection,
+                    input,
+                } => self.send(latency_count * LATENCY_NS, Delivery::FromCamera(connection, input)),
             }
-            (CameraOutput::Bytes { bytes, .. }, Some(connection)) => {
-                self.send(
-                    LATENCY_NS,
-                    Delivery::ToCamera(cell::Input::CameraBytes { connection, bytes }),
-                );
-            }
-            (CameraOutput::Close, Some(connection)) => {
-                self.connection = None;
-                self.send(LATENCY_NS, Delivery::ToCamera(cell::Input::CameraClosed { connection }));
-            }
-            (CameraOutput::Bytes { .. } | CameraOutput::Close, None) => (),
         }
     }
 
@@ -485,19 +470,10 @@ impl World<'_> {
         }
     }
 
-    /// Bytes of the camera come in pieces as a stream's do.
     fn carry_pieces(&mut self, connection: u64, bytes: &[u8]) {
-        let mut rest = bytes;
-        while !rest.is_empty() {
-            let longest = rest.len().min(self.setup.piece_bytes_max);
-            let length = match self.setup.piece_bytes_max {
-                usize::MAX => longest,
-                _ => self.chance.random_range(1..=longest),
-            };
-            let (piece, behind) = rest.split_at(length);
+        for piece in pieces(bytes, self.setup.piece_bytes_max, &mut self.chance) {
             let input = Input::CameraBytes(piece.to_vec());
             self.send(LATENCY_NS, Delivery::FromCamera(connection, input));
-            rest = behind;
         }
     }
 
