@@ -15,23 +15,26 @@ use bladescan::event::Ending;
 use bladescan::job::{Job, RegisterJob};
 use bladescan::plan::Plan;
 use bladescan::reconstruction::{Model, ViewSettings};
-use bladescan::robot;
 use bladescan::run::{Beginning, Console, JournalFile, Links, Live, Pool, RobotPlace};
 use bladescan::seed::Seed;
 use bladescan::settings::{Recipe, RobotProtocol, Station};
 use clap::Args;
 use hw_sim::blade::Builtin;
 use hw_sim::camera::render::{Renderer, Surface};
-use hw_sim::cell::{Cell, Input};
-use hw_sim::robot::ports::{LinkOptions, PortInput};
+use hw_sim::cell::Cell;
+use hw_sim::robot::ports::LinkOptions;
 use hw_sim::scene::Scene;
-use hw_sim::shell::{Sockets, Wanted, serve_watched};
+use hw_sim::shell::{Seen, Sockets, Wanted, serve_watched};
 use nalgebra::Isometry3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tokio::sync::{mpsc, oneshot};
 
 use crate::speed::{cloud, sheet};
+
+mod ear;
+
+use ear::{Arrival, Ear, Place, Step};
 
 #[derive(Args)]
 pub(crate) struct HoldArguments {
@@ -44,18 +47,15 @@ pub(crate) struct HoldArguments {
     /// Without the registrations.
     #[arg(long)]
     idle: bool,
+    /// Speed of the serial line, Bd.
+    #[arg(long, default_value_t = 9600)]
+    baud: u32,
+    /// Shows what passed on the serial line before the slowest hold.
+    #[arg(long)]
+    slowest: bool,
     /// Seeds the run and the moments of the holds.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-}
-
-/// What came to the robot.
-#[derive(Debug, Clone, Copy)]
-enum Arrival {
-    /// Hold on; where one thing is said at a time, with the end of what was said before.
-    Hold { at: Instant, free_at: Option<Instant> },
-    /// Hold off.
-    Release,
 }
 
 /// One link's figures, ms, sorted.
@@ -63,6 +63,19 @@ struct Figures {
     total_ms: Vec<f64>,
     /// From the end of the running exchange, or from the word if nothing was running.
     after_ms: Vec<f64>,
+    /// Of that, how late the simulator was to hand over what had come over the serial line.
+    late_ms: Vec<f64>,
+    /// Of that, the rest but the line's own time: our host, and the system's pseudo-terminal.
+    host_ms: Vec<f64>,
+    slowest: Slowest,
+}
+
+/// The hold that took longest from the end of the running exchange.
+#[derive(Default)]
+struct Slowest {
+    after_ms: f64,
+    asked: Option<Instant>,
+    steps: Vec<Step>,
 }
 
 pub(crate) fn run(arguments: &HoldArguments) -> Result<(), Box<dyn Error>> {
@@ -96,6 +109,18 @@ pub(crate) fn run(arguments: &HoldArguments) -> Result<(), Box<dyn Error>> {
             words(&figures.total_ms),
             words(&figures.after_ms)
         )?;
+        if link == "serial" {
+            writeln!(
+                out,
+                "of the last, on the line {:.2} ms; the simulator late by {}; host and pseudo-terminal {}",
+                line_ms(arguments.baud),
+                words(&figures.late_ms),
+                words(&figures.host_ms)
+            )?;
+            if arguments.slowest {
+                show(&mut out, &figures.slowest)?;
+            }
+        }
         if judged > bar_ms {
             too_late.push(link);
         }
@@ -109,9 +134,10 @@ pub(crate) fn run(arguments: &HoldArguments) -> Result<(), Box<dyn Error>> {
 
 fn measure(arguments: &HoldArguments, link: &str) -> Result<Figures, String> {
     let busy = (!arguments.idle).then(Busy::start);
-    let text = Station::BUILTIN_SIMULATED_TEXT.replacen("[robot]\n", &format!("[robot]\nlink = \"{link}\"\n"), 1);
+    let robot = format!("[robot]\nlink = \"{link}\"\nserial_baud = {}\n", arguments.baud);
+    let text = Station::BUILTIN_SIMULATED_TEXT.replacen("[robot]\n", &robot, 1);
     let station = Station::parse("sim.toml", &text).map_err(|error| error.to_string())?;
-    let served = start_cell(arguments.seed, &station, link)?;
+    let served = start_cell(arguments, &station, link)?;
     let links = Links {
         robot: match (&station.robot.protocol, &served.serial) {
             (RobotProtocol::Hses, _) => RobotPlace::Hses(served.hses),
@@ -150,6 +176,8 @@ fn hold_again_and_again(
 ) -> Result<Figures, String> {
     let mut chance = ChaCha8Rng::seed_from_u64(arguments.seed);
     let (mut total_ms, mut after_ms) = (Vec::new(), Vec::new());
+    let (mut late_ms, mut host_ms) = (Vec::new(), Vec::new());
+    let mut slowest = Slowest::default();
     let mut pause = OPENING;
     for _ in 0..arguments.holds {
         // Nothing that is waited for comes now; what does is of the hold before.
@@ -161,15 +189,26 @@ fn hold_again_and_again(
         pause = Duration::from_micros(chance.random_range(PAUSE_US));
         let asked = Instant::now();
         say(commands, Command::Hold)?;
-        let (at, free_at) = loop {
+        let (at, free_at, steps) = loop {
             match arrivals.recv_timeout(PATIENCE).map_err(|_| "no hold came")? {
-                Arrival::Hold { at, free_at } if at >= asked => break (at, free_at),
+                Arrival::Hold { at, free_at, steps } if at >= asked => break (at, free_at, steps),
                 Arrival::Hold { .. } | Arrival::Release => {}
             }
         };
         total_ms.push((at - asked).as_secs_f64() * 1e3);
         let free_at = free_at.map_or(asked, |free_at| free_at.max(asked));
-        after_ms.push(at.saturating_duration_since(free_at).as_secs_f64() * 1e3);
+        let after = at.saturating_duration_since(free_at).as_secs_f64() * 1e3;
+        after_ms.push(after);
+        let late = handed_over_late_ms(&steps, free_at);
+        late_ms.push(late);
+        host_ms.push(after - late - line_ms(arguments.baud));
+        if after > slowest.after_ms {
+            slowest = Slowest {
+                after_ms: after,
+                asked: Some(asked),
+                steps,
+            };
+        }
         let patient_until = Instant::now() + PATIENCE;
         loop {
             say(commands, Command::Resume)?;
@@ -182,7 +221,15 @@ fn hold_again_and_again(
     }
     total_ms.sort_by(f64::total_cmp);
     after_ms.sort_by(f64::total_cmp);
-    Ok(Figures { total_ms, after_ms })
+    late_ms.sort_by(f64::total_cmp);
+    host_ms.sort_by(f64::total_cmp);
+    Ok(Figures {
+        total_ms,
+        after_ms,
+        late_ms,
+        host_ms,
+        slowest,
+    })
 }
 
 fn say(commands: &mpsc::Sender<Command>, command: Command) -> Result<(), String> {
@@ -286,13 +333,14 @@ struct Served {
 
 type Found = (SocketAddr, SocketAddr, Option<PathBuf>, SocketAddr);
 
-fn start_cell(seed: u64, station: &Station, link: &str) -> Result<Served, String> {
+fn start_cell(arguments: &HoldArguments, station: &Station, link: &str) -> Result<Served, String> {
     let scene = Scene {
-        seed,
+        seed: arguments.seed,
         base_from_camera: station.base_from_camera,
         tool_from_blade: station.tool_from_blade,
         links: LinkOptions {
             host_pause_ns: 0,
+            serial_baud: Some(arguments.baud),
             ..LinkOptions::default()
         },
         ..Scene::default()
@@ -322,8 +370,8 @@ fn start_cell(seed: u64, station: &Station, link: &str) -> Result<Served, String
             let all = all.map(|((hses, host_control), camera)| (hses, host_control, serial, camera));
             tell_found.send(all).map_err(|error| error.to_string())?;
             let mut ear = Ear::default();
-            let see = move |input: &Input| {
-                if let Some(arrival) = ear.hear(Instant::now(), input) {
+            let see = move |at: Instant, seen: Seen<'_>| {
+                if let Some(arrival) = ear.hear(at, seen) {
                     tell_arrival.send(arrival).ok();
                 }
             };
@@ -349,57 +397,39 @@ fn start_cell(seed: u64, station: &Station, link: &str) -> Result<Served, String
     })
 }
 
-/// Hears what is said to the robot about holding.
-#[derive(Default)]
-struct Ear {
-    /// The last bytes of the stream.
-    tail: Vec<u8>,
-    /// When the last piece came before the one that began what is being said.
-    free_at: Option<Instant>,
-    last: Option<Instant>,
+/// The time of a hold's own characters: ENQ, ACK0, a block of 18, ACK1, EOT, of eleven bits each.
+fn line_ms(baud: u32) -> f64 {
+    f64::from(1 + 2 + 18 + 2 + 1) * 11.0 * 1e3 / f64::from(baud)
 }
 
-impl Ear {
-    fn hear(&mut self, now: Instant, input: &Input) -> Option<Arrival> {
-        let bytes = match input {
-            Input::RobotDatagram { bytes, .. } => return datagram(now, bytes),
-            Input::RobotPort(PortInput::Bytes { bytes, .. } | PortInput::Serial(bytes)) => bytes,
-            _ => return None,
-        };
-        let begins = bytes.starts_with(&[ENQUIRY]) || bytes.starts_with(b"HOSTCTRL_REQUEST");
-        if begins {
-            self.free_at = self.last;
-        }
-        self.last = Some(now);
-        self.tail.extend(bytes);
-        let has = |text: &[u8]| self.tail.windows(text.len()).any(|some| some == text);
-        let arrival = if has(b"HOLD 1\r") || has(b"HOLD 2\r\n1\r") {
-            Some(Arrival::Hold {
-                at: now,
-                free_at: self.free_at,
-            })
-        } else if has(b"HOLD 0\r") || has(b"HOLD 2\r\n0\r") {
-            Some(Arrival::Release)
-        } else {
-            None
-        };
-        if arrival.is_some() {
-            self.tail.clear();
-        }
-        let surplus = self.tail.len().saturating_sub(TAIL_BYTES);
-        self.tail.drain(..surplus);
-        arrival
-    }
+/// How late the simulator was from `since` on with what it had for the host. What it does itself has the line's times.
+fn handed_over_late_ms(steps: &[Step], since: Instant) -> f64 {
+    let for_host = steps
+        .iter()
+        .filter(|step| step.place == Place::AtHost && step.at >= since);
+    for_host.map(|step| step.late.as_secs_f64() * 1e3).sum()
 }
 
-fn datagram(now: Instant, bytes: &[u8]) -> Option<Arrival> {
-    let id = *bytes.get(11)?;
-    let is = |command: robot::Command| robot::hses::request(&command, id).is_ok_and(|said| said.encode() == bytes);
-    if is(robot::Command::HoldOn) {
-        Some(Arrival::Hold { at: now, free_at: None })
-    } else {
-        is(robot::Command::HoldOff).then_some(Arrival::Release)
+/// Times in ms from the operator's word on.
+fn show(out: &mut impl Write, slowest: &Slowest) -> std::io::Result<()> {
+    let Some(asked) = slowest.asked else { return Ok(()) };
+    writeln!(out, "slowest: {:.2} ms", slowest.after_ms)?;
+    for step in &slowest.steps {
+        let place = match step.place {
+            Place::FromHost => "read from the host",
+            Place::AtRobot => "at the robot",
+            Place::AtHost => "at the host",
+        };
+        let since = |from: Instant, to: Instant| to.saturating_duration_since(from).as_secs_f64() * 1e3;
+        writeln!(
+            out,
+            "{:9.2} ms, handled {:.2} ms later, {place}: {}",
+            since(asked, step.at) - since(step.at, asked),
+            step.late.as_secs_f64() * 1e3,
+            step.bytes.escape_ascii()
+        )?;
     }
+    Ok(())
 }
 
 fn words(sorted_ms: &[f64]) -> String {
@@ -420,9 +450,6 @@ fn percentile(sorted: &[f64], share: f64) -> f64 {
 /// Names of the links, and how late the 99th percentile may be, ms.
 const LINKS: [(&str, f64); 3] = [("hses", 20.0), ("host-control", 20.0), ("serial", 60.0)];
 const RECIPE: &str = include_str!("../../config/recipes/hpt-blade-a.toml");
-/// Opens a transaction on the serial line.
-const ENQUIRY: u8 = 5;
-const TAIL_BYTES: usize = 64;
 const COMMANDS_MAX: usize = 16;
 const OPENING: Duration = Duration::from_secs(3);
 const PAUSE_US: std::ops::Range<u64> = 30_000..300_000;

@@ -12,7 +12,7 @@ use crate::camera::trouble::CameraFault;
 use crate::pose_error::{calibration_error, pose_error};
 use crate::robot::controller::{Controller, Panel, Settings};
 use crate::robot::hses::Port;
-use crate::robot::ports::{PortInput, PortOutput, Ports};
+use crate::robot::ports::{Passed, PortInput, PortOutput, Ports};
 use crate::scene::Scene;
 use crate::truth::Truth;
 
@@ -239,6 +239,16 @@ impl Cell {
     /// When [`Input::Wake`] has something to do.
     pub fn wake_at(&self) -> Option<u64> {
         self.camera.wake_at().into_iter().chain(self.robot.wake_at()).min()
+    }
+
+    /// From here on [`Cell::poll_passed`] tells what comes over the serial line.
+    pub fn watch_serial(&mut self) {
+        self.robot.watch_serial();
+    }
+
+    /// Next character that has come over the serial line.
+    pub fn poll_passed(&mut self) -> Option<Passed> {
+        self.robot.poll_passed()
     }
 
     /// Faults of the camera's triggers that have happened so far.

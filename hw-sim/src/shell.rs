@@ -18,7 +18,7 @@ use tokio::task::JoinHandle;
 use crate::camera::render::{Frame, Renderer};
 use crate::cell::{Cell, Input, Output, RenderJob};
 use crate::robot::hses::Port;
-use crate::robot::ports::{PortInput, PortOutput};
+use crate::robot::ports::{Passed, PortInput, PortOutput};
 use crate::truth::Truth;
 
 mod serial_line;
@@ -48,6 +48,15 @@ pub struct Sockets {
     host_control: Option<TcpListener>,
     serial: Option<SerialLine>,
     camera: Option<TcpListener>,
+}
+
+/// What a watcher of a cell sees.
+#[derive(Clone, Copy, Debug)]
+pub enum Seen<'a> {
+    /// What comes from outside, before the cell has it.
+    Input(&'a Input),
+    /// A character that has come over the serial line, to either end.
+    Passed(Passed),
 }
 
 /// Why a cell cannot serve.
@@ -180,18 +189,19 @@ pub async fn serve_with(
     truth_path: Option<PathBuf>,
     stop: impl Future<Output = ()>,
 ) -> Result<(), ShellError> {
-    serve_watched(cell, render, |_| (), sockets, truth_path, stop).await
+    serve_watched(cell, render, |_, _| (), sockets, truth_path, stop).await
 }
 
-/// As [`serve_with`]; `see` is called with everything that comes, before the cell has it.
+/// As [`serve_with`]; `see` is called with everything that comes and with when it came, by the cell's clock.
 pub async fn serve_watched(
-    cell: Cell,
+    mut cell: Cell,
     render: impl Fn(&RenderJob) -> Frame + Send + Sync + 'static,
-    mut see: impl FnMut(&Input),
+    mut see: impl FnMut(Instant, Seen<'_>),
     mut sockets: Sockets,
     truth_path: Option<PathBuf>,
     stop: impl Future<Output = ()>,
 ) -> Result<(), ShellError> {
+    cell.watch_serial();
     let (input_sender, mut inputs) = mpsc::channel(INPUT_COUNT_MAX);
     let (truth_sender, truths) = watch::channel(Arc::new(cell.truth().clone()));
     let truth_writer = truth_path.map(|path| tokio::spawn(write_truths(path, truths)));
@@ -280,7 +290,7 @@ impl Shell {
         &mut self,
         sockets: &Sockets,
         inputs: &mut mpsc::Receiver<Input>,
-        see: &mut impl FnMut(&Input),
+        see: &mut impl FnMut(Instant, Seen<'_>),
         stop: impl Future<Output = ()>,
     ) -> Result<(), ShellError> {
         let mut stop = std::pin::pin!(stop);
@@ -311,12 +321,15 @@ impl Shell {
                 Some(input) = inputs.recv() => input,
                 () = sleep_until(wake_at) => Input::Wake,
             };
-            see(&input);
+            see(Instant::now(), Seen::Input(&input));
             if let Input::CameraClosed { connection } | Input::RobotPort(PortInput::Closed { connection }) = &input {
                 self.writers.remove(connection);
             }
             self.cell.handle_input(self.now_ns(), input);
             self.put_out(sockets).await;
+            while let Some(passed) = self.cell.poll_passed() {
+                see(self.start + Duration::from_nanos(passed.at_ns), Seen::Passed(passed));
+            }
         }
     }
 

@@ -105,6 +105,26 @@ pub enum PortOutput {
     Violation(String),
 }
 
+/// A character that has come over the serial line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Passed {
+    /// When the last of its bits came, ns.
+    pub at_ns: u64,
+    /// Whose it is.
+    pub from: LineEnd,
+    /// What it is.
+    pub byte: u8,
+}
+
+/// An end of the serial line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LineEnd {
+    /// Our client's.
+    Host,
+    /// The controller's.
+    Robot,
+}
+
 /// The controller behind its ports.
 #[derive(Clone, Debug)]
 pub struct Ports {
@@ -117,6 +137,9 @@ pub struct Ports {
     file_datagrams: Ways,
     serial: Serial,
     serial_ways: Ways,
+    character_ns: u64,
+    /// What came over the serial line, where somebody watches it.
+    passed: Option<VecDeque<Passed>>,
     streams: BTreeMap<u64, Stream>,
     /// On its way, in the order of arrival; of equal times the earlier sent first.
     under_way: BTreeMap<(u64, u64), Arrival>,
@@ -165,6 +188,8 @@ impl Ports {
             file_datagrams: Ways::new(faults, Carriage::Datagrams, settings.seed, PATH_FILE_DATAGRAMS),
             serial: Serial::new(options.serial_timing),
             serial_ways: Ways::new(faults, Carriage::Characters(character_ns), settings.seed, PATH_SERIAL),
+            character_ns,
+            passed: None,
             streams: BTreeMap::new(),
             under_way: BTreeMap::new(),
             sent_count: 0,
@@ -215,6 +240,16 @@ impl Ports {
         self.outputs.pop_front()
     }
 
+    /// From here on [`Ports::poll_passed`] tells what comes over the serial line.
+    pub fn watch_serial(&mut self) {
+        self.passed.get_or_insert_default();
+    }
+
+    /// Next character that has come over the serial line. Times are those of the line, however late the caller is.
+    pub fn poll_passed(&mut self) -> Option<Passed> {
+        self.passed.as_mut()?.pop_front()
+    }
+
     /// When [`PortInput::Wake`] has something to do.
     pub fn wake_at(&self) -> Option<u64> {
         let arrival_ns = self.under_way.keys().next().map(|(at_ns, _)| *at_ns);
@@ -232,10 +267,32 @@ impl Ports {
         while let Some(at_ns) = self.wake_at().filter(|at_ns| *at_ns <= now_ns) {
             let first = self.under_way.first_entry();
             match first.filter(|first| first.key().0 == at_ns).map(|first| first.remove()) {
-                Some(Arrival::AtRobot(input)) => self.take(at_ns, input),
-                Some(Arrival::AtClient(output)) => self.outputs.push_back(output),
+                Some(Arrival::AtRobot(input)) => {
+                    if let PortInput::Serial(bytes) = &input {
+                        self.note(at_ns, LineEnd::Host, bytes);
+                    }
+                    self.take(at_ns, input);
+                }
+                Some(Arrival::AtClient(output)) => {
+                    if let PortOutput::Serial(bytes) = &output {
+                        self.note(at_ns, LineEnd::Robot, bytes);
+                    }
+                    self.outputs.push_back(output);
+                }
                 None => self.wake(at_ns),
             }
+        }
+    }
+
+    /// Notes the characters of a piece whose last one came at this time.
+    fn note(&mut self, last_ns: u64, from: LineEnd, bytes: &[u8]) {
+        let Some(passed) = &mut self.passed else { return };
+        for (left, byte) in (0..bytes.len() as u64).rev().zip(bytes) {
+            passed.push_back(Passed {
+                at_ns: last_ns.saturating_sub(left * self.character_ns),
+                from,
+                byte: *byte,
+            });
         }
     }
 

@@ -155,6 +155,30 @@ fn the_serial_line_takes_the_time_of_its_characters() {
 }
 
 #[test]
+fn a_watched_serial_line_tells_when_each_character_comes() {
+    let mut ports = ports(&[], LinkOptions::default());
+    ports.handle_input(0, PortInput::Serial(vec![5]));
+    ports.handle_input(MS, PortInput::Serial(vec![4, 5]));
+    assert_eq!(ports.poll_passed(), None, "nobody watches");
+    ports.watch_serial();
+    // However late the caller is: the first ENQ comes when it must, and so does what answers it.
+    ports.handle_input(100 * MS, PortInput::Wake);
+    let passed: Vec<_> = std::iter::from_fn(|| ports.poll_passed())
+        .map(|passed| (passed.from, passed.byte, passed.at_ns / 1000))
+        .collect();
+    let expected = [
+        (LineEnd::Host, 5, 1145),
+        (LineEnd::Host, 4, 2291),
+        (LineEnd::Host, 5, 3437),
+        (LineEnd::Robot, 0x10, 2291),
+        (LineEnd::Robot, b'0', 3437),
+        (LineEnd::Robot, 0x10, 4583),
+        (LineEnd::Robot, b'0', 5729),
+    ];
+    assert_eq!(passed, expected);
+}
+
+#[test]
 fn the_file_port_of_hses_is_served_through_a_network_of_its_own() {
     let mut ports = ports(&["net-delay=10"], LinkOptions::default());
     // The list of all jobs, as in the sheet.
