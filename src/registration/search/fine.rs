@@ -36,7 +36,7 @@ impl Work<'_> {
         // Of two views the cameras tell flips apart.
         let consistent = coarse.is_consistent() || coarse.judges_views();
         if let Some(solved) = self.fine_of_repeated(&best.pose, consistent, &rivals, rng) {
-            return Some(solved);
+            return Some(solved.weighed(self, start));
         }
         let mut sample = self.sample(self.fine_count(level.sample_count), rng);
         if best.score.reversed {

@@ -99,6 +99,16 @@ struct Solved {
     ambiguous: bool,
 }
 
+impl Solved {
+    /// Points know no weak directions to hold: what the settings say of the start is settled at the end.
+    fn weighed(self, work: &Work<'_>, start: &Isometry3<f64>) -> Self {
+        Self {
+            fine: self.fine.weighed(&work.problem, start, work.settings.weak_directions),
+            ..self
+        }
+    }
+}
+
 struct Work<'a> {
     template: Cow<'a, PointCloud>,
     tree: NearestPoints,
@@ -166,10 +176,8 @@ impl<'a> Work<'a> {
             stages.end("mpe", iterations);
             // Trimmed ICP leads away there.
             stages.end("coarse", 0);
-            self.fine_of_noisy(&candidates, rng).map(|solved| Solved {
-                fine: solved.fine.weighed(&self.problem, start, self.settings.weak_directions),
-                ..solved
-            })
+            self.fine_of_noisy(&candidates, rng)
+                .map(|solved| solved.weighed(self, start))
         } else {
             stages.end("mpe", iterations);
             let mut coarse = self.coarse(rng);

@@ -253,9 +253,18 @@ fn a_start_of_known_certainty_holds_a_weak_direction_softly_and_yields_in_the_ot
 }
 
 #[test]
+fn where_points_repeat_too_a_certain_start_is_kept_and_an_uncertain_one_is_not() {
+    keeps_a_certain_start_only(0.01);
+}
+
+#[test]
 fn among_noise_too_a_certain_start_is_kept_and_an_uncertain_one_is_not() {
+    keeps_a_certain_start_only(0.08);
+}
+
+fn keeps_a_certain_start_only(noise: f64) {
     let template = blade(1500, 0.0);
-    let reference = noisy(&template, 0.08, 3);
+    let reference = noisy(&template, noise, 3);
     let start = Isometry3::translation(0.03, 0.0, 0.0);
     let with = |sigma: f64| {
         let settings = Settings {
