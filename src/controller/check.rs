@@ -9,6 +9,7 @@ use crate::geometry::PointCloud;
 use crate::job::{CompareJob, FinishedJob, Job, JobOutput};
 use crate::plan::camera_relative;
 use crate::reconstruction::{Decision, OverlapMin, PriorLimits, ViewRegistration, ViewSettings};
+use crate::registration::{self, StartSigma, WeakDirections};
 use crate::seed::Seed;
 use crate::session::Captured;
 use crate::settings::{Recipe, Station};
@@ -57,15 +58,25 @@ pub(super) enum Verdict {
 impl GripCheck {
     pub(super) fn new(recipe: &Recipe, station: &Station, seed: Seed) -> Self {
         let limits = recipe.check;
+        let by_view = view_settings(recipe);
+        // What the surface leaves open is no sign of a move: there the frames' own answer counts for less than that the
+        // blade sits within the limits.
+        let within_limits = StartSigma {
+            turn_rad: limits.rotation_max_rad,
+            shift: limits.translation_max_mm,
+        };
         Self {
             cleaning: recipe.cleaning,
             settings: ViewSettings {
+                registration: registration::Settings {
+                    weak_directions: WeakDirections::Weigh(within_limits),
+                    ..by_view.registration
+                },
                 overlap_min: OverlapMin::Fraction(OVERLAP_MIN_FRACTION),
                 prior_limits: Some(PriorLimits {
                     rotation_max_rad: limits.rotation_max_rad,
                     translation_max_distance: limits.translation_max_mm,
                 }),
-                ..view_settings(recipe)
             },
             base_from_camera: station.base_from_camera,
             seed,
