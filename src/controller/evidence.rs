@@ -4,6 +4,7 @@ use super::exchanges::Exchanges;
 use super::{Input, Output};
 use crate::event::{Ending, Event};
 use crate::fault::Fault;
+use crate::session::State;
 use crate::stamp::Stamp;
 use serde_json::{Value, json};
 
@@ -26,14 +27,27 @@ struct Found {
 }
 
 /// Where in a run.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 struct Place {
-    state: Option<&'static str>,
+    /// The session's state when the input came that is being handled.
+    state: State,
+    /// The view that the arm went to last, and the attempt.
     view: Option<(usize, u16)>,
 }
 
+impl Default for Place {
+    fn default() -> Self {
+        Self {
+            state: State::Opening,
+            view: None,
+        }
+    }
+}
+
 impl Evidence {
-    pub(super) fn note_input(&mut self, now: Stamp, input: &Input) {
+    /// `state` is the session's as the input finds it.
+    pub(super) fn note_input(&mut self, now: Stamp, input: &Input, state: State) {
+        self.place.state = state;
         self.exchanges.note_input(now, input);
     }
 
@@ -41,7 +55,10 @@ impl Evidence {
         self.exchanges.note_output(now, output);
         match output {
             Output::Event(Event::Faulted { fault }) => self.note_fault(now, fault),
-            Output::Event(event) => self.place.follow(event),
+            Output::Event(Event::MoveStarted { view_index, attempt }) => {
+                self.place.view = Some((*view_index, *attempt))
+            }
+            Output::Event(Event::Started { .. } | Event::Restarted { .. }) => self.place.view = None,
             _ => {}
         }
     }
@@ -62,7 +79,7 @@ impl Evidence {
         Some(json!({
             "fault": fault,
             "at_s": found.at.seconds(),
-            "state": found.place.state.unwrap_or("opening"),
+            "state": found.place.state,
             "view_index": found.place.view.map(|(view_index, _)| view_index),
             "attempt": found.place.view.map(|(_, attempt)| attempt),
             "way_back": fault.code.way_back(),
@@ -83,28 +100,6 @@ impl Evidence {
         } else if self.later.len() < LATER_MAX {
             self.later.push((now, fault.clone()));
         }
-    }
-}
-
-impl Place {
-    fn follow(&mut self, event: &Event) {
-        let (state, view) = match event {
-            Event::Started { .. } | Event::Restarted { .. } => ("opening", None),
-            Event::RobotReady | Event::Resumed => ("ready", self.view),
-            Event::MoveStarted { view_index, attempt } => ("moving", Some((*view_index, *attempt))),
-            Event::Arrived { view_index, attempt } => ("standing", Some((*view_index, *attempt))),
-            Event::Triggered { view_index, attempt } => ("exposing", Some((*view_index, *attempt))),
-            Event::ExposureDone {
-                view_index, attempt, ..
-            } => ("exposed", Some((*view_index, *attempt))),
-            Event::HoldAsked { .. } => ("holding", self.view),
-            Event::Held => ("held", self.view),
-            _ => return,
-        };
-        *self = Self {
-            state: Some(state),
-            view,
-        };
     }
 }
 

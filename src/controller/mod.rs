@@ -201,7 +201,7 @@ impl Controller {
             return;
         }
         let queued_count = self.outputs.len();
-        self.evidence.note_input(now, &input);
+        self.evidence.note_input(now, &input, self.session.state());
         match input {
             Input::Begin => self.begin(now),
             Input::Wake => self.session.handle_wake(now),
