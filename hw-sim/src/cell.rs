@@ -136,7 +136,7 @@ struct Exposure {
     trigger_id: u64,
     camera_from_blade: Isometry3<f64>,
     was_moving: bool,
-    move_count: u32,
+    departure_count: u32,
     /// Whether the robot moved, known once the exposure has ended.
     moved: Option<bool>,
     surface_points_mm: Option<Vec<[f64; 3]>>,
@@ -291,7 +291,7 @@ impl Cell {
             trigger_id,
             camera_from_blade,
             was_moving: self.robot.controller().is_moving(now_ns),
-            move_count: self.robot.controller().accepted_move_count(),
+            departure_count: self.robot.controller().departure_count(),
             moved: None,
             surface_points_mm: None,
         };
@@ -313,7 +313,7 @@ impl Cell {
     fn end_exposure(&mut self, now_ns: u64, job: u64) {
         if let Some(exposure) = self.exposures.get_mut(&job) {
             let has_moved = self.robot.controller().is_moving(now_ns)
-                || self.robot.controller().accepted_move_count() != exposure.move_count;
+                || self.robot.controller().departure_count() != exposure.departure_count;
             exposure.moved = Some(exposure.was_moving || has_moved);
         }
         self.record(job);

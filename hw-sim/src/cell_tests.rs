@@ -175,6 +175,22 @@ fn a_move_during_the_exposure_is_told_in_the_truth() {
 }
 
 #[test]
+fn a_second_copy_of_the_move_that_led_here_is_no_move() {
+    let mut bench = Bench::new(Scene {
+        speed: 1000.0,
+        ..scene()
+    });
+    bench.robot("req_servo_on");
+    bench.robot("req_move_base_50mm_s");
+    bench.pass(SECOND_NS);
+    bench.ask(&trigger(0, 0));
+    bench.robot("req_move_base_50mm_s");
+    bench.pass(2 * SECOND_NS);
+    assert_eq!(bench.cell.robot().accepted_move_count(), 2);
+    assert!(!bench.cell.truth().views[0].moved_during_exposure);
+}
+
+#[test]
 fn a_repeated_trigger_is_rendered_once_and_an_aborted_exposure_has_no_truth() {
     let mut bench = Bench::new(scene());
     bench.ask(&trigger(0, 0));

@@ -37,6 +37,7 @@ pub struct Controller {
     pub(super) motion: Option<Motion>,
     pub(super) incidents: Vec<(u64, Incident)>,
     pub(super) accepted_move_count: u32,
+    pub(super) departure_count: u32,
     pub(super) last_active_ns: u64,
     pub(super) variables: Variables,
     pub(super) signals: Signals,
@@ -157,6 +158,7 @@ impl Controller {
             motion: None,
             incidents: Vec::new(),
             accepted_move_count: 0,
+            departure_count: 0,
             last_active_ns: 0,
             variables: Variables::new(options.scalar_variable_count, options.position_variable_count),
             signals: Signals::default(),
@@ -234,6 +236,11 @@ impl Controller {
     /// Moves begun so far, of clients and of jobs.
     pub fn accepted_move_count(&self) -> u32 {
         self.accepted_move_count
+    }
+
+    /// Of these, the moves to another place than where the arm stood. To move to where it stands is to stand.
+    pub fn departure_count(&self) -> u32 {
+        self.departure_count
     }
 
     /// Whether nothing comes out of the controller: no power, or a fault. Whoever serves a link sends nothing then.

@@ -89,6 +89,11 @@ impl Motion {
         }
     }
 
+    /// Whether it leads anywhere.
+    pub fn leads_away(&self) -> bool {
+        !self.pieces.is_empty()
+    }
+
     /// When the arm stands.
     pub fn end_ns(&self) -> u64 {
         self.pieces

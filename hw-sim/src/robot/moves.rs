@@ -173,6 +173,7 @@ impl Controller {
             _ => None,
         });
         self.incidents.extend(incidents.map(|incident| (middle_ns, incident)));
+        self.departure_count += u32::from(motion.leads_away());
         self.motion = Some(motion);
         self.last_active_ns = now_ns;
     }
