@@ -5,7 +5,7 @@ use crate::cleaning;
 use crate::event::RemovedCounts;
 use crate::geometry::{PointCloud, matrix_rows};
 use crate::reconstruction::{Decision, Model, ViewRegistration, ViewSettings, register_view};
-use crate::registration::Stage;
+use crate::registration::{self, Search, Stage};
 use crate::seed::{Seed, Stream};
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
@@ -182,19 +182,28 @@ impl RegisterJob {
 }
 
 impl CompareJob {
+    /// First what the fine stage makes of the robot's word: a view that lies where it lay has no rivals elsewhere. Where it
+    /// does not lie there, the search says where it is.
     fn run(&self, on_stage: &mut dyn FnMut(&str)) -> JobOutput {
-        let stream = self.seed.stream(Stream::Sampling {
-            view_index: self.view_index as u32,
-        });
         let before = Model::default().merged_with(&self.before, &Isometry3::identity(), 0.0);
-        let registration = register_view(
-            &self.now,
-            &before,
-            &self.start,
-            &self.settings,
-            stream,
-            &mut |stage: &Stage| on_stage(stage.name),
-        );
+        let mut registered = |search: Search| {
+            let settings = ViewSettings {
+                registration: registration::Settings {
+                    search,
+                    ..self.settings.registration.clone()
+                },
+                ..self.settings.clone()
+            };
+            let stream = self.seed.stream(Stream::Sampling {
+                view_index: self.view_index as u32,
+            });
+            let on_stage = &mut |stage: &Stage| on_stage(stage.name);
+            register_view(&self.now, &before, &self.start, &settings, stream, on_stage)
+        };
+        let registration = match registered(Search::StartOnly) {
+            unmoved if unmoved.decision == Decision::Merge => unmoved,
+            _ => registered(self.settings.registration.search),
+        };
         JobOutput::Compared {
             registration: Box::new(registration),
         }

@@ -85,7 +85,7 @@ pub(crate) fn run(arguments: &SoakArguments) -> Result<(), Box<dyn Error>> {
         wrongs.len(),
         wrongs.iter().take(5).collect::<Vec<_>>()
     )?;
-    let steady = &samples[samples.len() / 10..];
+    let steady = &samples[samples.len() / 2..];
     print_slope(&mut out, "resident memory, kB", steady, |sample| sample.resident_kb)?;
     print_slope(&mut out, "open files", steady, |sample| sample.file_count)?;
     match wrongs.len() {
