@@ -2,7 +2,7 @@
 """Registers case folders by programs of other hands, and writes the rows that `experiments methods --csv` writes.
 
     python3 -m venv venv && venv/bin/pip install -r experiments/peers/requirements.txt
-    venv/bin/python experiments/peers/peers.py ROOT --csv FILE [--method NAME]... [--level L]... [--count N] [--threads N]
+    venv/bin/python experiments/peers/peers.py ROOT --csv FILE [--method NAME]... [--level L]... [--count N] [--every N] [--threads N]
 
 All start from the identity. Where a package gives no rigid motion, that of the points it has moved is taken. What is
 called `own-...` is written here, plainly and with all pairs in memory, for want of a package: a second reading of the paper.
@@ -27,6 +27,7 @@ def arguments():
     parser.add_argument("--method", action="append", default=[])
     parser.add_argument("--level", action="append", default=[])
     parser.add_argument("--count", type=int, help="only the cases of each level that come first")
+    parser.add_argument("--every", type=int, default=1, help="only every so-manieth point of both clouds")
     parser.add_argument("--threads", type=int, default=os.cpu_count())
     return parser.parse_args()
 
@@ -154,11 +155,23 @@ def pycpd_rigid(source, target):
     """In the unit that the authors' program brings the target to; pycpd leaves that to its caller."""
     from pycpd import RigidRegistration
 
+    class FixedScale(RigidRegistration):
+        """The package always finds a scale too; with 1 instead, translation and variance are others."""
+
+        def update_transform(self):
+            super().update_transform()
+            self.s = 1.0
+            self.t = (self.P.sum(0) @ self.X - (self.P.sum(1) @ self.Y) @ self.R) / self.Np
+
+        def update_variance(self):
+            super().update_variance()
+            squared = self.Pt1 @ (self.X_hat**2).sum(1) - 2 * np.trace(self.A @ self.R) + self.YPY
+            self.sigma2 = max(squared / (self.Np * self.D), np.finfo(float).eps)
+
     unit = np.sqrt(((target - target.mean(0)) ** 2).sum(1).mean())
-    found = RigidRegistration(
-        X=target / unit, Y=source / unit, scale=False, w=OUTLIER_FRACTION, max_iterations=EM_ITERATIONS
-    )
-    moved, _ = found.register()
+    moved, _ = FixedScale(
+        X=target / unit, Y=source / unit, w=OUTLIER_FRACTION, max_iterations=EM_ITERATIONS
+    ).register()
     return motion(source, moved * unit)
 
 
@@ -260,7 +273,7 @@ def main():
         rows = csv.writer(file, lineterminator="\n")
         rows.writerow(COLUMNS)
         for folder, meta, truth in cases():
-            source, target = (points(os.path.join(folder, name)) for name in ("source.ply", "target.ply"))
+            source, target = (points(os.path.join(folder, name))[:: args.every] for name in ("source.ply", "target.ply"))
             for name in names:
                 begun = time.perf_counter()
                 try:

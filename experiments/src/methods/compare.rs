@@ -7,6 +7,7 @@ use std::io::Write;
 use std::path::PathBuf;
 use std::time::Instant;
 
+use bladescan::geometry::PointCloud;
 use clap::{Args, ValueEnum};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
@@ -27,6 +28,9 @@ pub(crate) struct MethodsArguments {
     /// Only the cases of each level that come first, this many.
     #[arg(long)]
     count: Option<usize>,
+    /// Only every so-manieth point of both clouds.
+    #[arg(long, default_value_t = 1)]
+    every: usize,
     /// Threads; as many as there are cores if not given.
     #[arg(long)]
     threads: Option<usize>,
@@ -48,7 +52,7 @@ pub(crate) fn run(arguments: &MethodsArguments) -> Result<(), Box<dyn Error>> {
     for case in chosen(arguments)? {
         let relative = case.folder.strip_prefix(&arguments.root)?.display().to_string();
         for (order, &method) in methods.iter().enumerate() {
-            let outcome = measure(&case, method, &pool)?;
+            let outcome = measure(&case, method, &pool, arguments.every)?;
             rows += &outcome.row(method, pool.current_num_threads(), &case, &relative);
             let level = format!("{} {}", key(&case, "exp"), key(&case, "level"));
             groups.entry((order, level)).or_default().push(outcome);
@@ -79,9 +83,13 @@ struct Outcome {
     seconds: f64,
 }
 
-fn measure(case: &Case, method: Method, pool: &ThreadPool) -> Result<Outcome, Box<dyn Error>> {
-    let source = cases::cloud(&case.folder.join("source.ply"))?;
-    let target = cases::cloud(&case.folder.join("target.ply"))?;
+fn measure(case: &Case, method: Method, pool: &ThreadPool, every: usize) -> Result<Outcome, Box<dyn Error>> {
+    let thinned = |name: &str| -> Result<PointCloud, Box<dyn Error>> {
+        let cloud = cases::cloud(&case.folder.join(name))?;
+        let indices: Vec<usize> = (0..cloud.len()).step_by(every.max(1)).collect();
+        Ok(cloud.select(&indices))
+    };
+    let (source, target) = (thinned("source.ply")?, thinned("target.ply")?);
     let begun = Instant::now();
     let estimate = pool.install(|| method.estimate(&source, &target));
     let seconds = begun.elapsed().as_secs_f64();

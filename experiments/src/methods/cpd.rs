@@ -84,8 +84,9 @@ const OUTLIER_FRACTION: f64 = 0.1;
 /// The default of the authors' program.
 const ITERATION_MAX_COUNT: u32 = 150;
 
-/// The default of the authors' program.
-const STOP_FRACTION: f64 = 1e-5;
+/// The authors' program stops at 1e-5, which on blades among noise leaves the error up to a fifth off where the iteration
+/// ends; here the method is given its own end.
+const STOP_FRACTION: f64 = 1e-7;
 
 /// Ten times the rounding of a double, as in the authors' program.
 const VARIANCE_MIN_FACTOR: f64 = 2.2e-15;

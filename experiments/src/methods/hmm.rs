@@ -143,8 +143,8 @@ const START_CONCENTRATION: f64 = 10.0;
 /// As in CPD.
 const ITERATION_MAX_COUNT: u32 = 150;
 
-/// σ stands still to a two-thousandth.
-const STOP_FRACTION: f64 = 1e-3;
+/// σ stands still.
+const STOP_FRACTION: f64 = 1e-5;
 
 /// As in the product's registration of views.
 const NEIGHBOUR_COUNT: usize = 10;
