@@ -6,6 +6,7 @@
 
 All start from the identity. Where a package gives no rigid motion, that of the points it has moved is taken. What is
 called `own-...` is written here, plainly and with all pairs in memory, for want of a package: a second reading of the paper.
+probreg's CPD is left out: with the scale held at 1 its variance stands still at 0.16 on clouds of unit size.
 """
 import argparse
 import csv
@@ -27,7 +28,7 @@ def arguments():
     parser.add_argument("--method", action="append", default=[])
     parser.add_argument("--level", action="append", default=[])
     parser.add_argument("--count", type=int, help="only the cases of each level that come first")
-    parser.add_argument("--every", type=int, default=1, help="only every so-manieth point of both clouds")
+    parser.add_argument("--every", type=int, default=1, help="only every N-th point of both clouds")
     parser.add_argument("--threads", type=int, default=os.cpu_count())
     return parser.parse_args()
 
@@ -205,15 +206,8 @@ def own_bcpd(source, target):
 def probreg_filterreg(source, target):
     from probreg import filterreg
 
-    found = filterreg.registration_filterreg(open3d_cloud(source), open3d_cloud(target), maxiter=EM_ITERATIONS)
-    return motion(source, np.asarray(found.transformation.transform(source)))
-
-
-def probreg_cpd(source, target):
-    from probreg import cpd
-
-    found = cpd.registration_cpd(
-        source, target, tf_type_name="rigid", update_scale=False, w=OUTLIER_FRACTION, maxiter=EM_ITERATIONS
+    found = filterreg.registration_filterreg(
+        open3d_cloud(source), open3d_cloud(target), update_sigma2=True, w=OUTLIER_FRACTION, maxiter=EM_ITERATIONS
     )
     return motion(source, np.asarray(found.transformation.transform(source)))
 
@@ -253,7 +247,6 @@ METHODS = {
     "pycpd": pycpd_rigid,
     "own-bcpd": own_bcpd,
     "probreg-filterreg": probreg_filterreg,
-    "probreg-cpd": probreg_cpd,
     "small-gicp": small_gicp_with("GICP"),
     "small-icp": small_gicp_with("ICP"),
     "kiss-matcher": kiss_matcher_robust,

@@ -28,7 +28,7 @@ pub(crate) struct MethodsArguments {
     /// Only the cases of each level that come first, this many.
     #[arg(long)]
     count: Option<usize>,
-    /// Only every so-manieth point of both clouds.
+    /// Only every N-th point of both clouds.
     #[arg(long, default_value_t = 1)]
     every: usize,
     /// Threads; as many as there are cores if not given.

@@ -59,7 +59,8 @@ pub(crate) fn register(
         let expectation = Expectation::new(&lookers, pose, claims, 0.0);
         pose = expectation.best_pose();
         let residual = expectation.squared_at(&pose) / (3.0 * expectation.mass().max(1.0));
-        if residual > sigma * sigma && lookers.points().len() == source.len() {
+        let is_supported = residual <= sigma * sigma || lookers.points().len() < source.len();
+        if !is_supported || last_count > 0 {
             last_count += 1;
         }
         if last_count == LAST_COUNT {

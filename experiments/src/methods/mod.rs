@@ -1,7 +1,7 @@
 //! Registration by the methods that the paper compares itself with, and by bladescan's own, on cases with known truth.
 //!
 //! Each method is a module of its own that cites its source and says where it simplifies; parameters are its authors'
-//! defaults. All start from the identity, use rayon's threads, and give the same bits at any number of them.
+//! defaults, or say why not. All start from the identity, use rayon's threads, and give the same bits at any number of them.
 
 mod affinity;
 mod bcpd;
