@@ -119,13 +119,19 @@ fn bound(case: &Case, source: &PointCloud, target: &PointCloud) -> Option<f64> {
 }
 
 /// The motion that lays points on their partners with the least squares (Kabsch).
-fn motion_between(from: &[Point3<f64>], to: &[Point3<f64>]) -> Isometry3<f64> {
+pub(crate) fn motion_between(from: &[Point3<f64>], to: &[Point3<f64>]) -> Isometry3<f64> {
     let (here, there) = (mean(from).coords, mean(to).coords);
     let moments: Matrix3<f64> = from
         .iter()
         .zip(to)
         .map(|(a, b)| (b.coords - there) * (a.coords - here).transpose())
         .sum();
+    motion_from_moments(&moments, &here, &there)
+}
+
+/// The motion from the middle `here` to the middle `there` whose rotation agrees best with the `moments`
+/// `Σ (b − there)(a − here)ᵀ` of pairs.
+pub(crate) fn motion_from_moments(moments: &Matrix3<f64>, here: &Vector3<f64>, there: &Vector3<f64>) -> Isometry3<f64> {
     let decomposed = moments.svd(true, true);
     let (u, v_t) = (decomposed.u.unwrap_or_default(), decomposed.v_t.unwrap_or_default());
     let mirrored = (u * v_t).determinant().signum();

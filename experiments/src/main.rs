@@ -18,6 +18,7 @@ mod golden;
 mod hold;
 mod kabsch;
 mod large;
+mod methods;
 mod model;
 mod mpe;
 mod pairs;
@@ -40,6 +41,8 @@ enum Command {
     Pairs(pairs::PairsArguments),
     /// Prints the Cramer-Rao bound of every case folder under a root.
     Bound(bound::BoundArguments),
+    /// Registers every case folder under a root by bladescan and by the methods the paper compares itself with.
+    Methods(methods::MethodsArguments),
     /// Registers the views of a folder one after the other to the growing model.
     Model(model::ModelArguments),
     /// Writes case folders with known truth, of the kinds that registration is judged by.
@@ -84,6 +87,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     match Arguments::parse().command {
         Command::Pairs(arguments) => pairs::run(&arguments),
         Command::Bound(arguments) => bound::run(&arguments),
+        Command::Methods(arguments) => methods::run(&arguments),
         Command::Model(arguments) => model::run(&arguments),
         Command::Generate(arguments) => generate::run(&arguments),
         Command::Doubt(arguments) => doubt::run(&arguments),
