@@ -51,7 +51,7 @@ impl Kernel {
 
     /// Does `work` with these instructions.
     #[inline]
-    pub(crate) fn run<W: Work>(self, work: W) -> W::Output {
+    pub fn run<W: Work>(self, work: W) -> W::Output {
         match self.0 {
             Width::Portable => work.run(),
             #[cfg(target_arch = "x86_64")]
@@ -71,7 +71,7 @@ impl Kernel {
 }
 
 /// Something to compute with the instructions of a kernel.
-pub(crate) trait Work {
+pub trait Work {
     /// What comes of it.
     type Output;
 
@@ -93,4 +93,4 @@ fn run_avx2<W: Work>(work: W) -> W::Output {
 }
 
 /// Numbers that are computed side by side.
-pub(crate) const LANE_COUNT: usize = 16;
+pub const LANE_COUNT: usize = 16;

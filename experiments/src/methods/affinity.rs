@@ -5,10 +5,11 @@
 //! leaves of a kd-tree); blocks farther than [`REACH_SIGMAS`] from a group of lookers are left out, so that the sum is
 //! exact while σ is large and short when it is small. Results come in the lookers' order, whatever the number of threads.
 
+use bladescan::geometry::simd::{Kernel, LANE_COUNT, Work};
 use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
-use super::lanes::{LANE_COUNT, Work, exp, in_widest_unit};
+use super::exponential::exp;
 
 /// How strongly a centre claims a point.
 pub(crate) trait Attraction: Copy + Sync {
@@ -112,6 +113,7 @@ impl Centres {
     /// The claims on each looker as `pose` (centres_from_lookers) places it, in the lookers' order.
     pub(crate) fn claims<A: Attraction>(&self, lookers: &Lookers, pose: &Isometry3<f64>, attraction: A) -> Vec<Claim> {
         let reach = REACH_SIGMAS * attraction.sigma();
+        let kernel = Kernel::fastest();
         lookers
             .groups
             .par_iter()
@@ -130,7 +132,7 @@ impl Centres {
                     .filter(|pair| near(pair.1))
                     .map(|pair| pair.0)
                     .collect();
-                in_widest_unit(Claims {
+                kernel.run(Claims {
                     blocks: &list,
                     points: &placed,
                     normals: &normals,

@@ -21,7 +21,7 @@ use nalgebra::{Isometry3, Vector3};
 
 use super::affinity::{Attraction, Centres, Lookers};
 use super::expectation::{Expectation, box_volume, mean_and_scatter, mean_square_of_all_pairs};
-use super::lanes::exp;
+use super::exponential::exp;
 
 /// The mixture and when to stop.
 #[derive(Debug, Clone, Copy)]

@@ -10,9 +10,9 @@ mod compare;
 mod cpd;
 mod em_icp;
 mod expectation;
+mod exponential;
 mod hmm;
 mod icp;
-mod lanes;
 mod lm_icp;
 mod product;
 #[cfg(test)]
