@@ -10,6 +10,7 @@ mod words;
 use bladescan::camera::CameraOutput;
 use bladescan::controller::{Command, Controller, Header, Input, Output, ViewOutcome, ViewRecord};
 use bladescan::event::{Ending, Event, HoldBy};
+use bladescan::fault::FaultCode;
 use bladescan::job::{FinishedJob, JobOutput, sha256};
 use bladescan::journal::{Recording, Writer};
 use bladescan::plan::Plan;
@@ -76,6 +77,8 @@ struct Pair<W: Write + Seek = Cursor<Vec<u8>>> {
     configured_at_ns: Vec<u64>,
     /// Share of datagrams lost in each direction.
     loss: f64,
+    /// What never reaches the robot.
+    lost_command: Option<robot::Command>,
     chance: ChaCha8Rng,
     events: Vec<(u64, Event)>,
     /// Moves that the simulated robot accepted.
@@ -162,6 +165,7 @@ impl<W: Write + Seek> Pair<W> {
             connection: 0,
             configured_at_ns: Vec::new(),
             loss,
+            lost_command: None,
             chance: ChaCha8Rng::seed_from_u64(seed),
             events: Vec::new(),
             accepted_move_count: 0,
@@ -268,9 +272,10 @@ impl<W: Write + Seek> Pair<W> {
         while let Some(output) = self.run.poll_output() {
             match output {
                 Output::Robot(RobotOutput::Bytes { bytes, .. }) => {
-                    self.servo_off_count +=
-                        usize::from(bytes == robot::hses::request(&SERVO_OFF, bytes[11]).unwrap().encode());
-                    if !self.is_lost() {
+                    let says = |command| bytes == robot::hses::request(command, bytes[11]).unwrap().encode();
+                    self.servo_off_count += usize::from(says(&SERVO_OFF));
+                    let is_lost = self.lost_command.as_ref().is_some_and(says) || self.is_lost();
+                    if !is_lost {
                         self.send(LATENCY_NS, Delivery::ToRobot(bytes));
                     }
                 }
@@ -426,6 +431,20 @@ fn lost_datagrams_never_move_the_arm_twice_for_one_view() {
         }
         pair.replay();
     }
+}
+
+#[test]
+fn what_is_never_answered_is_silence_and_no_fault_of_the_servo() {
+    let mut pair = Pair::new(1, &[], 0.0, 1);
+    pair.lost_command = Some(robot::Command::ServoOn);
+    let Ending::Faulted { fault } = pair.drive(|_| None) else {
+        panic!("{:#?}", pair.events);
+    };
+    assert_eq!(
+        (fault.code, fault.seen.as_str()),
+        (FaultCode::RobotSilent, "servo on: never answered")
+    );
+    pair.replay();
 }
 
 #[test]

@@ -337,9 +337,13 @@ impl Arm {
             (Command::ServoOff, _) => self.finish_parking(),
             (Command::ServoOn, State::Readying(readying)) => {
                 readying.servo_asked = true;
+                readying.is_unanswered = false;
                 self.ask_status(now);
             }
-            (Command::HoldOff, State::Readying(_)) => self.ask_status(now),
+            (Command::HoldOff, State::Readying(readying)) => {
+                readying.is_unanswered = false;
+                self.ask_status(now);
+            }
             (Command::Write { .. }, State::Readying(_)) => self.poll_later(now),
             (Command::Write { .. }, State::EndingJob) => self.switch_servo_off(now),
             (_, State::Rewinding) => self.be_held(),
@@ -450,7 +454,10 @@ impl Arm {
                 travel.uncertain = true;
                 self.ask_status(now);
             }
-            (Kind::Act, _, State::Readying(_)) => self.ask_status(now),
+            (Kind::Act, _, State::Readying(readying)) => {
+                readying.is_unanswered = true;
+                self.ask_status(now);
+            }
             // The step after an act of loading finds out what came of it.
             (Kind::Act, _, State::Loading(_)) => self.load_on(now),
             (_, Command::Alarm(_), _) => self.fault(

@@ -12,6 +12,8 @@ pub(super) struct Readying {
     act_count: u32,
     /// Servo power has been asked for and may need time.
     pub(super) servo_asked: bool,
+    /// The last act got no answer.
+    pub(super) is_unanswered: bool,
 }
 
 impl Readying {
@@ -20,6 +22,7 @@ impl Readying {
             since: now,
             act_count: 0,
             servo_asked: false,
+            is_unanswered: false,
         }
     }
 }
@@ -46,11 +49,14 @@ impl Arm {
             return self.exchange.say(now, Command::Position);
         };
         if late {
-            let seen = match act {
-                None => "the arm does not come to rest".to_owned(),
-                Some(act) => format!("{} has no effect", act.name()),
+            let (code, seen) = match act {
+                None => (FaultCode::RobotServo, "the arm does not come to rest".to_owned()),
+                Some(act) if readying.is_unanswered => {
+                    (FaultCode::RobotSilent, format!("{}: never answered", act.name()))
+                }
+                Some(act) => (FaultCode::RobotServo, format!("{} has no effect", act.name())),
             };
-            return self.fault(FaultCode::RobotServo, seen);
+            return self.fault(code, seen);
         }
         match act {
             // A servo that is on its way needs time, not another switch-on.
@@ -58,6 +64,7 @@ impl Arm {
             Some(act) => {
                 self.state = State::Readying(Readying {
                     act_count: readying.act_count + 1,
+                    is_unanswered: false,
                     ..readying
                 });
                 // Ours from the asking on: the answer may get lost.
