@@ -2,6 +2,7 @@
 //!
 //! The folders are those that [`crate::cases`] reads. The same arguments give the same bytes.
 
+pub(crate) mod case_set;
 mod mesh_file;
 mod surface;
 mod views;
@@ -27,29 +28,29 @@ use self::surface::Surface;
 #[derive(Args)]
 pub(crate) struct GenerateArguments {
     /// Where the case folders go; made if it is not there.
-    out: PathBuf,
+    pub(crate) out: PathBuf,
     /// What the cases ask for.
     #[arg(long)]
-    kind: Kind,
+    pub(crate) kind: Kind,
     /// A built-in blade (lpt, hpt-a, hpt-b, hpt-c); may be given again [default: all four].
     #[arg(long, value_name = "NAME")]
-    blade: Vec<String>,
+    pub(crate) blade: Vec<String>,
     /// A closed mesh, STL or PLY; may be given again. Its longest side becomes z.
     #[arg(long, value_name = "FILE")]
-    mesh: Vec<PathBuf>,
+    pub(crate) mesh: Vec<PathBuf>,
     /// Seeds everything drawn.
     #[arg(long, default_value_t = 1)]
-    seed: u64,
+    pub(crate) seed: u64,
     /// How many cases of each blade and level; of `views`, how many views [default: 2, 36 views].
     #[arg(long)]
-    count: Option<u32>,
+    pub(crate) count: Option<u32>,
     /// Only this level, one of the kind's own.
     #[arg(long)]
-    level: Option<String>,
+    pub(crate) level: Option<String>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Kind {
+pub(crate) enum Kind {
     /// The same 3,000 points, Gaussian noise on the target.
     Noise,
     /// Uniform points added to the target.

@@ -47,6 +47,8 @@ enum Command {
     Model(model::ModelArguments),
     /// Writes case folders with known truth, of the kinds that registration is judged by.
     Generate(generate::GenerateArguments),
+    /// Writes the benchmark of blade registration in plain files, with a data card and checksums.
+    CaseSet(generate::case_set::CaseSetArguments),
     /// Compares errors among noise with the covariance that is stated.
     Doubt(doubt::DoubtArguments),
     /// Compares MPE's formulations, stride rules and softening schedules on samples of the blades under a root.
@@ -90,6 +92,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Command::Methods(arguments) => methods::run(&arguments),
         Command::Model(arguments) => model::run(&arguments),
         Command::Generate(arguments) => generate::run(&arguments),
+        Command::CaseSet(arguments) => generate::case_set::run(&arguments),
         Command::Doubt(arguments) => doubt::run(&arguments),
         Command::Mpe(arguments) => mpe::run(&arguments),
         Command::Golden(arguments) => golden::run(&arguments),

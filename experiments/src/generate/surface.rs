@@ -32,6 +32,15 @@ pub(super) struct Hit {
 }
 
 impl Surface {
+    /// The mesh in the frame of samples and poses, mm.
+    pub(super) fn mesh(&self) -> Mesh {
+        let to_point = |vertex: &Vector| Point3::new(vertex.x, vertex.y, vertex.z);
+        Mesh {
+            vertices: self.mesh.vertices().iter().map(to_point).collect(),
+            triangles: self.mesh.indices().to_vec(),
+        }
+    }
+
     pub(super) fn of_builtin(blade: Builtin) -> Result<Self, Box<dyn Error>> {
         Self::new(blade.mesh(), true)
     }
