@@ -22,7 +22,8 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
-use self::surface::Surface;
+pub(crate) use self::surface::Surface;
+use crate::kabsch::motion_between;
 
 /// Writes case folders of one kind.
 #[derive(Args)]
@@ -139,17 +140,12 @@ fn write_cases(
             let truth = motion(&mut rng);
             let (source, target) = match kind {
                 Kind::Noise => {
-                    let source = surface.sample(POINT_COUNT, &mut rng);
-                    let target = noisy(&moved(&source, &truth), value, &mut rng);
-                    (source, shuffled(target, &mut rng))
+                    let pair = repeated(&surface, POINT_COUNT, &truth, value, 0, &mut rng);
+                    (pair.source, pair.target)
                 }
                 Kind::Outlier => {
-                    let source = surface.sample(POINT_COUNT, &mut rng);
-                    let target = noisy(&moved(&source, &truth), OUTLIER_SIGMA, &mut rng);
-                    let mut target = shuffled(target, &mut rng);
-                    let extra = in_enclosing_cube(&target, value as usize, &mut rng);
-                    target.extend(extra);
-                    (source, target)
+                    let pair = repeated(&surface, POINT_COUNT, &truth, OUTLIER_SIGMA, value as usize, &mut rng);
+                    (pair.source, pair.target)
                 }
                 Kind::Resample => {
                     let source = surface.sample(POINT_COUNT, &mut rng);
@@ -188,8 +184,35 @@ fn write_cases(
     Ok(case_count)
 }
 
+/// Two clouds of a normalised blade of which the second repeats the first one's points.
+pub(crate) struct Repeated {
+    pub(crate) source: Vec<Point3<f64>>,
+    /// The source moved, with noise, in another order, and outliers after it.
+    pub(crate) target: Vec<Point3<f64>>,
+    /// What the known correspondences give, target_from_source.
+    pub(crate) known: Isometry3<f64>,
+}
+
+/// Draws `point_count` points of `surface`, and moves them with noise of `sigma` and outliers in the enclosing cube.
+pub(crate) fn repeated(
+    surface: &Surface,
+    point_count: usize,
+    truth: &Isometry3<f64>,
+    sigma: f64,
+    outlier_count: usize,
+    rng: &mut ChaCha8Rng,
+) -> Repeated {
+    let source = surface.sample(point_count, rng);
+    let in_order = noisy(&moved(&source, truth), sigma, rng);
+    let known = motion_between(&source, &in_order);
+    let mut target = shuffled(in_order, rng);
+    let extra = in_enclosing_cube(&target, outlier_count, rng);
+    target.extend(extra);
+    Repeated { source, target, known }
+}
+
 /// The stream of one case: the seed, and the case's name as the stream's number (FNV-1a).
-fn stream(seed: u64, name: &str) -> ChaCha8Rng {
+pub(crate) fn stream(seed: u64, name: &str) -> ChaCha8Rng {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(name.bytes().fold(0xcbf2_9ce4_8422_2325, |hash: u64, byte| {
         (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
@@ -198,7 +221,7 @@ fn stream(seed: u64, name: &str) -> ChaCha8Rng {
 }
 
 /// A turn of 0 to 90 degrees about an axis drawn evenly, and a shift of at most 0.5 along each axis.
-fn motion(rng: &mut ChaCha8Rng) -> Isometry3<f64> {
+pub(crate) fn motion(rng: &mut ChaCha8Rng) -> Isometry3<f64> {
     let angle = rng.random_range(0.0..std::f64::consts::FRAC_PI_2);
     let axis = Unit::new_normalize(Vector3::from_fn(|_, _| normal(rng)));
     let shift = Vector3::from_fn(|_, _| rng.random_range(-0.5..0.5));
@@ -206,19 +229,19 @@ fn motion(rng: &mut ChaCha8Rng) -> Isometry3<f64> {
 }
 
 /// A standard normal number (Box and Muller, 1958).
-fn normal(rng: &mut ChaCha8Rng) -> f64 {
+pub(crate) fn normal(rng: &mut ChaCha8Rng) -> f64 {
     let (u, v): (f64, f64) = (rng.random(), rng.random());
     (-2.0 * (1.0 - u).ln()).sqrt() * (std::f64::consts::TAU * v).cos()
 }
 
-fn noisy(points: &[Point3<f64>], sigma: f64, rng: &mut ChaCha8Rng) -> Vec<Point3<f64>> {
+pub(crate) fn noisy(points: &[Point3<f64>], sigma: f64, rng: &mut ChaCha8Rng) -> Vec<Point3<f64>> {
     points
         .iter()
         .map(|point| point + Vector3::from_fn(|_, _| sigma * normal(rng)))
         .collect()
 }
 
-fn moved(points: &[Point3<f64>], pose: &Isometry3<f64>) -> Vec<Point3<f64>> {
+pub(crate) fn moved(points: &[Point3<f64>], pose: &Isometry3<f64>) -> Vec<Point3<f64>> {
     points.iter().map(|point| pose * point).collect()
 }
 
@@ -269,9 +292,9 @@ fn write_link(path: &Path, target: &str) -> std::io::Result<()> {
 }
 
 /// Points of a cloud of every kind but `views`.
-const POINT_COUNT: usize = 3000;
+pub(crate) const POINT_COUNT: usize = 3000;
 /// Noise of the points that outliers are added to, over the blade's half length.
-const OUTLIER_SIGMA: f64 = 0.005;
+pub(crate) const OUTLIER_SIGMA: f64 = 0.005;
 /// Noise of a single view, over the blade's half length.
 const PARTIAL_SIGMA: f64 = 0.002;
 /// Points nearer than this, over the blade's half length, overlap: one and a half times the spacing of 3,000 points.

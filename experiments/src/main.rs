@@ -22,6 +22,7 @@ mod methods;
 mod model;
 mod mpe;
 mod pairs;
+mod paper;
 mod processes;
 mod speed;
 mod wire;
@@ -43,6 +44,10 @@ enum Command {
     Bound(bound::BoundArguments),
     /// Registers every case folder under a root by bladescan and by the methods the paper compares itself with.
     Methods(methods::MethodsArguments),
+    /// Computes the paper's tables and figures anew.
+    Paper(paper::PaperArguments),
+    /// Writes one page out of what `paper` has left in a folder.
+    PaperPage(paper::page::PageArguments),
     /// Registers the views of a folder one after the other to the growing model.
     Model(model::ModelArguments),
     /// Writes case folders with known truth, of the kinds that registration is judged by.
@@ -90,6 +95,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Command::Pairs(arguments) => pairs::run(&arguments),
         Command::Bound(arguments) => bound::run(&arguments),
         Command::Methods(arguments) => methods::run(&arguments),
+        Command::Paper(arguments) => paper::run(&arguments),
+        Command::PaperPage(arguments) => paper::page::run(&arguments),
         Command::Model(arguments) => model::run(&arguments),
         Command::Generate(arguments) => generate::run(&arguments),
         Command::CaseSet(arguments) => generate::case_set::run(&arguments),

@@ -14,7 +14,7 @@ use rand_chacha::ChaCha8Rng;
 use super::mesh_file;
 
 /// A triangle surface about its box's middle, the longest side along z.
-pub(super) struct Surface {
+pub(crate) struct Surface {
     mesh: TriMesh,
     corners: Vec<[Point3<f64>; 3]>,
     /// The area of the triangles before each, and after it the whole.
@@ -41,7 +41,7 @@ impl Surface {
         }
     }
 
-    pub(super) fn of_builtin(blade: Builtin) -> Result<Self, Box<dyn Error>> {
+    pub(crate) fn of_builtin(blade: Builtin) -> Result<Self, Box<dyn Error>> {
         Self::new(blade.mesh(), true)
     }
 
@@ -83,7 +83,7 @@ impl Surface {
     }
 
     /// The same surface with a longest half side of 1.
-    pub(super) fn normalised(&self) -> Self {
+    pub(crate) fn normalised(&self) -> Self {
         let factor = 1.0 / self.half.max();
         let mesh = self.mesh.clone().scaled(Vector::new(factor, factor, factor));
         Self {
@@ -105,7 +105,7 @@ impl Surface {
     }
 
     /// Points drawn evenly by area from the skin.
-    pub(super) fn sample(&self, count: usize, rng: &mut ChaCha8Rng) -> Vec<Point3<f64>> {
+    pub(crate) fn sample(&self, count: usize, rng: &mut ChaCha8Rng) -> Vec<Point3<f64>> {
         let mut points = Vec::with_capacity(count);
         while points.len() < count {
             let hit = self.draw(rng);
