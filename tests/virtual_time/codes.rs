@@ -193,3 +193,17 @@ fn a_run_that_ends_well_or_by_the_operator_leaves_no_fault() {
         pair.replay();
     }
 }
+
+#[test]
+fn what_is_never_answered_is_silence_and_no_fault_of_the_servo() {
+    let mut pair = Pair::new(1, &[], 0.0, 1);
+    pair.lost_command = Some(robot::Command::ServoOn);
+    let Ending::Faulted { fault } = pair.drive(|_| None) else {
+        panic!("{:#?}", pair.events);
+    };
+    assert_eq!(
+        (fault.code, fault.seen.as_str()),
+        (FaultCode::RobotSilent, "servo on: never answered")
+    );
+    pair.replay();
+}

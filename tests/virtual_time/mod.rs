@@ -10,7 +10,6 @@ mod words;
 use bladescan::camera::CameraOutput;
 use bladescan::controller::{Command, Controller, Header, Input, Output, ViewOutcome, ViewRecord};
 use bladescan::event::{Ending, Event, HoldBy};
-use bladescan::fault::FaultCode;
 use bladescan::job::{FinishedJob, JobOutput, sha256};
 use bladescan::journal::{Recording, Writer};
 use bladescan::plan::Plan;
@@ -431,20 +430,6 @@ fn lost_datagrams_never_move_the_arm_twice_for_one_view() {
         }
         pair.replay();
     }
-}
-
-#[test]
-fn what_is_never_answered_is_silence_and_no_fault_of_the_servo() {
-    let mut pair = Pair::new(1, &[], 0.0, 1);
-    pair.lost_command = Some(robot::Command::ServoOn);
-    let Ending::Faulted { fault } = pair.drive(|_| None) else {
-        panic!("{:#?}", pair.events);
-    };
-    assert_eq!(
-        (fault.code, fault.seen.as_str()),
-        (FaultCode::RobotSilent, "servo on: never answered")
-    );
-    pair.replay();
 }
 
 #[test]
