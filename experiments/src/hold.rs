@@ -246,7 +246,9 @@ fn live(
     links: Links,
     commands: mpsc::Receiver<Command>,
 ) -> Result<Ending, String> {
-    let recipe = Recipe::parse("hpt-blade-a.toml", RECIPE).map_err(|error| error.to_string())?;
+    // Four times the views: the run must outlast the holds.
+    let text = RECIPE.replacen("step_deg = 10.0", "step_deg = 2.5", 1);
+    let recipe = Recipe::parse("hpt-blade-a.toml", &text).map_err(|error| error.to_string())?;
     let plan = Plan::new(&recipe, station, Seed(seed)).map_err(|error| error.to_string())?;
     let header = Header {
         seed: Seed(seed),
@@ -257,7 +259,7 @@ fn live(
     };
     let dir = std::env::temp_dir().join(format!("bladescan-hold-{}", std::process::id()));
     std::fs::create_dir(&dir).map_err(|error| error.to_string())?;
-    let journal = JournalFile::create(&dir, &header, 0, RECIPE, station_text).map_err(|error| error.to_string())?;
+    let journal = JournalFile::create(&dir, &header, 0, &text, station_text).map_err(|error| error.to_string())?;
     let pool = Pool::new().map_err(|error| error.to_string())?;
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
