@@ -12,39 +12,25 @@ pub(crate) struct CameraLine {
     count: u64,
 }
 
-/// What is on its way because of an output, and how many latencies it takes.
+/// What is on its way between both.
 pub(crate) enum Passing {
-    ToCamera {
-        latency_count: u64,
-        input: cell::Input,
-    },
-    FromCamera {
-        latency_count: u64,
-        connection: u64,
-        input: Input,
-    },
+    ToCamera(cell::Input),
+    /// On the connection of this number, unless that has ended by then.
+    FromCamera(u64, Input),
 }
 
 impl CameraLine {
-    /// What the controller's output sets on its way. Without a connection nothing does but a new one.
-    pub(crate) fn handle_output(&mut self, output: CameraOutput) -> Vec<Passing> {
-        let to_camera = |input| {
-            vec![Passing::ToCamera {
-                latency_count: 1,
-                input,
-            }]
-        };
+    /// What the controller's output sets on its way, and how many latencies it takes. Without a connection nothing is but a
+    /// new one.
+    pub(crate) fn handle_output(&mut self, output: CameraOutput) -> Vec<(u64, Passing)> {
+        let to_camera = |input| vec![(1, Passing::ToCamera(input))];
         match (output, self.open) {
             (CameraOutput::Connect, _) => {
                 self.count += 1;
                 let connection = self.count;
                 self.open = Some(connection);
                 let mut passing = to_camera(cell::Input::CameraConnected { connection });
-                passing.push(Passing::FromCamera {
-                    latency_count: 2,
-                    connection,
-                    input: Input::CameraConnected,
-                });
+                passing.push((2, Passing::FromCamera(connection, Input::CameraConnected)));
                 passing
             }
             (CameraOutput::Bytes { bytes, .. }, Some(connection)) => {

@@ -20,10 +20,7 @@ use crate::camera_line::{CameraLine, Passing, pieces};
 /// What may be on its way.
 enum Delivery {
     ToRobot(Vec<u8>),
-    /// With the connection it is about.
-    ToCamera(cell::Input),
-    /// From the connection, unless that has ended by then.
-    FromCamera(u64, Input),
+    Camera(Passing),
     ToController(Input),
 }
 
@@ -149,9 +146,11 @@ impl<J: TimedJournal> Run<'_, J> {
         if let Some(first) = self.wire.first_entry().filter(|first| first.key().0 <= self.now_ns) {
             match first.remove() {
                 Delivery::ToController(input) => self.tell(input),
-                Delivery::ToCamera(input) => self.ask_cell(input),
-                Delivery::FromCamera(connection, input) if self.camera.hears(connection, &input) => self.tell(input),
-                Delivery::FromCamera(..) => (),
+                Delivery::Camera(Passing::ToCamera(input)) => self.ask_cell(input),
+                Delivery::Camera(Passing::FromCamera(connection, input)) if self.camera.hears(connection, &input) => {
+                    self.tell(input)
+                }
+                Delivery::Camera(Passing::FromCamera(..)) => (),
                 Delivery::ToRobot(bytes) => self.ask_cell(cell::Input::RobotDatagram {
                     from: ([127, 0, 0, 1], 5000).into(),
                     bytes,
@@ -189,17 +188,8 @@ impl<J: TimedJournal> Run<'_, J> {
     }
 
     fn do_with_camera(&mut self, output: CameraOutput) {
-        for passing in self.camera.handle_output(output) {
-            match passing {
-                Passing::ToCamera { latency_count, input } => {
-                    self.send(latency_count * LATENCY_NS, Delivery::ToCamera(input));
-                }
-                Passing::FromCamera {
-                    latency_count,
-                    connection,
-                    input,
-                } => self.send(latency_count * LATENCY_NS, Delivery::FromCamera(connection, input)),
-            }
+        for (latency_count, passing) in self.camera.handle_output(output) {
+            self.send(latency_count * LATENCY_NS, Delivery::Camera(passing));
         }
     }
 
@@ -215,7 +205,7 @@ impl<J: TimedJournal> Run<'_, J> {
                     let reason = "the camera closed the connection".to_owned();
                     self.send(
                         LATENCY_NS,
-                        Delivery::FromCamera(connection, Input::CameraClosed { reason }),
+                        Delivery::Camera(Passing::FromCamera(connection, Input::CameraClosed { reason })),
                     );
                 }
                 cell::Output::Render(job) => {
@@ -233,7 +223,7 @@ impl<J: TimedJournal> Run<'_, J> {
     fn carry(&mut self, connection: u64, bytes: &[u8]) {
         for piece in pieces(bytes, self.around.setup.piece_bytes_max, &mut self.chance) {
             let input = Input::CameraBytes(piece.to_vec());
-            self.send(LATENCY_NS, Delivery::FromCamera(connection, input));
+            self.send(LATENCY_NS, Delivery::Camera(Passing::FromCamera(connection, input)));
         }
     }
 

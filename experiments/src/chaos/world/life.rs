@@ -18,6 +18,7 @@ use super::super::judge::Bar;
 use super::super::network::LATENCY_NS;
 use super::super::studio::START_UNIX_NS;
 use super::{Delivery, Process, Sudden, World};
+use crate::camera_line::Passing;
 
 impl World<'_> {
     /// A process is there from now on.
@@ -57,7 +58,10 @@ impl World<'_> {
     pub(super) fn file_of(&mut self, process: Process) -> (Vec<u8>, Controller) {
         self.active_ns += self.now_ns - process.began_ns;
         if let Some(connection) = self.camera.take() {
-            self.send(LATENCY_NS, Delivery::ToCamera(cell::Input::CameraClosed { connection }));
+            self.send(
+                LATENCY_NS,
+                Delivery::Camera(Passing::ToCamera(cell::Input::CameraClosed { connection })),
+            );
         }
         let torn_fraction = if self.chance.random() {
             0.0

@@ -96,9 +96,7 @@ enum Delivery {
     /// From the process of this number; a move with the decision it belongs to.
     ToRobot(u64, Vec<u8>, Option<usize>),
     FromRobot(u64, Vec<u8>),
-    ToCamera(cell::Input),
-    /// On the connection of this number, unless that has ended by then.
-    FromCamera(u64, Input),
+    Camera(Passing),
     /// For the process of this number.
     ToController(u64, Input),
     Panel(Panel),
@@ -325,7 +323,7 @@ impl World<'_> {
         let number = if process.is_some() { self.process } else { 0 };
         match (delivery, process) {
             (Delivery::ToRobot(from, bytes, decision), _) => self.tell_robot(from, bytes, decision),
-            (Delivery::ToCamera(input), _) => self.ask_cell(input),
+            (Delivery::Camera(Passing::ToCamera(input)), _) => self.ask_cell(input),
             (Delivery::Panel(panel), _) => {
                 self.tell(|| format!("panel: {panel:?}"));
                 self.ask_cell(cell::Input::Panel(panel));
@@ -333,7 +331,9 @@ impl World<'_> {
             (Delivery::FromRobot(to, bytes), Some(process)) if to == number => {
                 self.tell_run(process, Input::RobotBytes(bytes));
             }
-            (Delivery::FromCamera(connection, input), Some(process)) if self.camera.hears(connection, &input) => {
+            (Delivery::Camera(Passing::FromCamera(connection, input)), Some(process))
+                if self.camera.hears(connection, &input) =>
+            {
                 self.tell_run(process, input);
             }
             (Delivery::ToController(to, input), Some(process)) if to == number => self.tell_run(process, input),
@@ -405,17 +405,8 @@ impl World<'_> {
     }
 
     fn do_with_camera(&mut self, output: CameraOutput) {
-        for passing in self.camera.handle_output(output) {
-            match passing {
-                Passing::ToCamera { latency_count, input } => {
-                    self.send(latency_count * LATENCY_NS, Delivery::ToCamera(input));
-                }
-                Passing::FromCamera {
-                    latency_count,
-                    connection,
-                    input,
-                } => self.send(latency_count * LATENCY_NS, Delivery::FromCamera(connection, input)),
-            }
+        for (latency_count, passing) in self.camera.handle_output(output) {
+            self.send(latency_count * LATENCY_NS, Delivery::Camera(passing));
         }
     }
 
@@ -449,7 +440,7 @@ impl World<'_> {
                 cell::Output::CameraClose { connection } => {
                     let reason = "the camera closed the connection".to_owned();
                     let closed = Input::CameraClosed { reason };
-                    self.send(LATENCY_NS, Delivery::FromCamera(connection, closed));
+                    self.send(LATENCY_NS, Delivery::Camera(Passing::FromCamera(connection, closed)));
                 }
                 cell::Output::Render(job) => {
                     let frame = self.studio.frame(&job);
@@ -473,7 +464,7 @@ impl World<'_> {
     fn carry_pieces(&mut self, connection: u64, bytes: &[u8]) {
         for piece in pieces(bytes, self.setup.piece_bytes_max, &mut self.chance) {
             let input = Input::CameraBytes(piece.to_vec());
-            self.send(LATENCY_NS, Delivery::FromCamera(connection, input));
+            self.send(LATENCY_NS, Delivery::Camera(Passing::FromCamera(connection, input)));
         }
     }
 
