@@ -105,19 +105,25 @@ pub(crate) fn errors(case: &Case, source: &PointCloud, estimate: &Isometry3<f64>
     let frobenius = difference.fixed_view::<3, 3>(0, 0).norm();
     let rotation_deg = (2.0 * (frobenius / 8f64.sqrt()).min(1.0).asin()).to_degrees();
     let translation = difference.fixed_view::<3, 1>(0, 3).norm();
-    let squared: f64 = source
-        .points()
-        .iter()
-        .map(|point: &Point3<f64>| (difference * point.to_homogeneous()).xyz().norm_squared())
-        .sum();
     let diagonal = case.meta.get("diag").and_then(|text| text.parse::<f64>().ok());
     let tolerance = diagonal.map_or(0.02, |diagonal| 0.01 * diagonal / 2.0);
     Errors {
-        rmse: (squared / source.len().max(1) as f64).sqrt(),
+        rmse: rmse(source, &estimate, &case.truth),
         rotation_deg,
         translation,
         success: rotation_deg < 2.0 && translation < tolerance,
     }
+}
+
+/// Root mean square distance between where two motions bring the points of a cloud.
+pub(crate) fn rmse(cloud: &PointCloud, estimate: &Matrix4<f64>, truth: &Matrix4<f64>) -> f64 {
+    let difference = estimate - truth;
+    let squared: f64 = cloud
+        .points()
+        .iter()
+        .map(|point: &Point3<f64>| (difference * point.to_homogeneous()).xyz().norm_squared())
+        .sum();
+    (squared / cloud.len().max(1) as f64).sqrt()
 }
 
 /// The middle value; NaN of nothing.

@@ -22,7 +22,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
-pub(crate) use self::surface::Surface;
+pub(crate) use self::surface::{Surface, extents};
 use crate::kabsch::motion_between;
 
 /// Writes case folders of one kind.
@@ -193,6 +193,14 @@ pub(crate) struct Repeated {
     pub(crate) known: Isometry3<f64>,
 }
 
+impl Repeated {
+    /// Source and target.
+    pub(crate) fn into_clouds(self) -> (PointCloud, PointCloud) {
+        let cloud = |points| PointCloud::from_measured(points).cloud;
+        (cloud(self.source), cloud(self.target))
+    }
+}
+
 /// Draws `point_count` points of `surface`, and moves them with noise of `sigma` and outliers in the enclosing cube.
 pub(crate) fn repeated(
     surface: &Surface,
@@ -254,7 +262,7 @@ fn shuffled(mut points: Vec<Point3<f64>>, rng: &mut ChaCha8Rng) -> Vec<Point3<f6
 
 /// Points drawn evenly from the cube about the middle of the points' box, as wide as its longest side.
 fn in_enclosing_cube(points: &[Point3<f64>], count: usize, rng: &mut ChaCha8Rng) -> Vec<Point3<f64>> {
-    let (low, high) = surface::extents(points);
+    let (low, high) = extents(points);
     let half = (high - low).max() / 2.0;
     let middle = nalgebra::center(&low, &high);
     (0..count)

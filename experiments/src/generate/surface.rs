@@ -210,7 +210,7 @@ impl Surface {
 }
 
 /// The lowest and the highest coordinate along each axis; the origin twice for no points.
-pub(super) fn extents(points: &[Point3<f64>]) -> (Point3<f64>, Point3<f64>) {
+pub(crate) fn extents(points: &[Point3<f64>]) -> (Point3<f64>, Point3<f64>) {
     let first = points.first().copied().unwrap_or_else(Point3::origin);
     points
         .iter()

@@ -18,7 +18,7 @@ use bladescan::geometry::PointCloud;
 use nalgebra::Isometry3;
 
 use super::affinity::{Centres, Claim, Gaussian, Lookers};
-use super::expectation::{Expectation, box_volume, mean_and_scatter, mean_square_of_all_pairs};
+use super::expectation::{Expectation, MASS_MIN, box_volume, first_variance, gaussian_volume, mean_and_scatter};
 
 /// The mixture and when to stop.
 #[derive(Debug, Clone, Copy)]
@@ -56,8 +56,7 @@ pub(crate) fn register(
 ) -> Isometry3<f64> {
     let (mut centres, lookers) = (Centres::new(source.points()), Lookers::new(target.points()));
     let mut shares = settings.concentration.map(|kappa| Shares::new(source, target, kappa));
-    let placed: Vec<_> = source.points().iter().map(|point| start * point).collect();
-    let mut sigma = settings.sigma_factor * mean_square_of_all_pairs(&placed, target.points()).sqrt();
+    let mut sigma = settings.sigma_factor * first_variance(source, target, start).sqrt();
     let stop = settings.stop_factor * (mean_and_scatter(source.points()).1 / 3.0).sqrt();
     let count = source.len() as f64;
     // The centres weigh 1 in the mean, and not 1/M, so the uniform part weighs M times as much.
@@ -66,16 +65,15 @@ pub(crate) fn register(
     let [least_count, most_count] = settings.iteration_counts;
     let mut source_from_target = start.inverse();
     for iteration in 0..most_count {
-        let outlier_mass = (std::f64::consts::TAU * sigma * sigma).powf(1.5) * density;
+        let outlier_mass = gaussian_volume(sigma * sigma) * density;
         let claims = centres.claims(&lookers, &source_from_target, Gaussian { sigma });
         if let Some(shares) = &mut shares {
             shares.update(&claims, &lookers, &source_from_target, sigma, outlier_mass);
         }
         let expectation = Expectation::new(&lookers, source_from_target, claims, outlier_mass);
         source_from_target = expectation.best_pose();
-        let mass = expectation.mass().max(f64::MIN_POSITIVE);
         let last = sigma;
-        sigma = (expectation.squared_at(&source_from_target) / (3.0 * mass)).sqrt();
+        sigma = expectation.variance_at(&source_from_target).sqrt();
         if let Some(shares) = &shares {
             centres.weigh(&shares.weights);
         }
@@ -158,9 +156,6 @@ const ITERATION_COUNTS: [u32; 2] = [30, 500];
 /// The default of the authors' program, which brings the source to unit extent.
 const STOP_FACTOR: f64 = 1e-4;
 
-/// Keeps quotients finite.
-const MASS_MIN: f64 = 1e-280;
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -169,13 +164,7 @@ mod tests {
     #[test]
     fn permuted_points_are_laid_on_each_other() {
         let pair = testing::permuted(300, 40.0, [0.3, -0.2, 0.1]);
-        let found = register(
-            &pair.source,
-            &pair.target,
-            &Isometry3::identity(),
-            &BcpdSettings::default(),
-        );
-        assert_near(&found, &pair.truth, 1e-6);
+        assert_near(&testing::found(&pair, register), &pair.truth, 1e-6);
     }
 
     #[test]

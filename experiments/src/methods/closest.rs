@@ -4,6 +4,8 @@ use bladescan::geometry::nearest::NearestPoints;
 use nalgebra::{Isometry3, Point3};
 use rayon::prelude::*;
 
+use crate::kabsch::motion_between;
+
 /// A fixed cloud that can be asked for the point closest to another.
 pub(crate) struct Closest<'a> {
     points: &'a [Point3<f64>],
@@ -19,6 +21,17 @@ pub(crate) struct Pair {
     pub(crate) to: Point3<f64>,
     /// The squared distance between them in the pose that they were paired in.
     pub(crate) squared: f64,
+}
+
+/// The mean squared distance of pairs.
+pub(crate) fn mean_square(pairs: &[Pair]) -> f64 {
+    pairs.iter().map(|pair| pair.squared).sum::<f64>() / pairs.len().max(1) as f64
+}
+
+/// The motion of least squares that lays the moving points on their partners.
+pub(crate) fn motion_of(pairs: &[Pair]) -> Isometry3<f64> {
+    let (from, to): (Vec<Point3<f64>>, Vec<Point3<f64>>) = pairs.iter().map(|pair| (pair.from, pair.to)).unzip();
+    motion_between(&from, &to)
 }
 
 impl<'a> Closest<'a> {

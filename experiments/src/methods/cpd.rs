@@ -16,7 +16,7 @@ use bladescan::geometry::PointCloud;
 use nalgebra::Isometry3;
 
 use super::affinity::{Centres, Gaussian, Lookers};
-use super::expectation::{Expectation, mean_and_scatter, mean_square_of_all_pairs};
+use super::expectation::{Expectation, MASS_MIN, first_variance, gaussian_volume, mean_and_scatter};
 
 /// The mixture and when to stop.
 #[derive(Debug, Clone, Copy)]
@@ -48,8 +48,7 @@ pub(crate) fn register(
 ) -> Isometry3<f64> {
     let (centres, lookers) = (Centres::new(source.points()), Lookers::new(target.points()));
     let unit = mean_and_scatter(target.points()).1.sqrt();
-    let placed: Vec<_> = source.points().iter().map(|point| start * point).collect();
-    let mut variance = mean_square_of_all_pairs(&placed, target.points());
+    let mut variance = first_variance(source, target, start);
     let count = target.len() as f64;
     let odds = settings.outlier_fraction / (1.0 - settings.outlier_fraction);
     let density = odds * source.len() as f64 / (count * unit.powi(3));
@@ -60,7 +59,7 @@ pub(crate) fn register(
             break;
         }
         let sigma = variance.sqrt();
-        let outlier_mass = (std::f64::consts::TAU * variance).powf(1.5) * density;
+        let outlier_mass = gaussian_volume(variance) * density;
         let claims = centres.claims(&lookers, &source_from_target, Gaussian { sigma });
         let likelihood = claims
             .iter()
@@ -69,7 +68,7 @@ pub(crate) fn register(
             + 1.5 * count * (variance / (unit * unit)).ln();
         let expectation = Expectation::new(&lookers, source_from_target, claims, outlier_mass);
         source_from_target = expectation.best_pose();
-        variance = expectation.squared_at(&source_from_target) / (3.0 * expectation.mass()).max(MASS_MIN);
+        variance = expectation.variance_at(&source_from_target);
         if ((likelihood - last) / likelihood).abs() <= settings.stop_fraction {
             break;
         }
@@ -91,9 +90,6 @@ const STOP_FRACTION: f64 = 1e-7;
 /// Ten times the rounding of a double, as in the authors' program.
 const VARIANCE_MIN_FACTOR: f64 = 2.2e-15;
 
-/// Keeps logarithms and quotients finite.
-const MASS_MIN: f64 = 1e-280;
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -102,13 +98,7 @@ mod tests {
     #[test]
     fn permuted_points_are_laid_on_each_other() {
         let pair = testing::permuted(300, 40.0, [0.3, -0.2, 0.1]);
-        let found = register(
-            &pair.source,
-            &pair.target,
-            &Isometry3::identity(),
-            &CpdSettings::default(),
-        );
-        assert_near(&found, &pair.truth, 1e-6);
+        assert_near(&testing::found(&pair, register), &pair.truth, 1e-6);
     }
 
     #[test]

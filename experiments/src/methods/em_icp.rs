@@ -100,13 +100,7 @@ mod tests {
     #[test]
     fn permuted_points_are_laid_on_each_other() {
         let pair = testing::permuted(400, 30.0, [0.2, -0.1, 0.1]);
-        let found = register(
-            &pair.source,
-            &pair.target,
-            &Isometry3::identity(),
-            &EmIcpSettings::default(),
-        );
-        assert_near(&found, &pair.truth, 1e-6);
+        assert_near(&testing::found(&pair, register), &pair.truth, 1e-6);
     }
 
     #[test]

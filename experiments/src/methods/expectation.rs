@@ -1,8 +1,10 @@
 //! The maximisation step that all rigid mixtures share: from what the centres claim to the pose that suits them best.
 
+use bladescan::geometry::PointCloud;
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
 use super::affinity::{Claim, Lookers};
+use crate::generate::extents;
 use crate::kabsch::motion_from_moments;
 
 /// What each looker's share in the centres is, in one pose: claims that are divided by their total.
@@ -59,14 +61,10 @@ impl<'a> Expectation<'a> {
         motion_from_moments(&(sum * factor + moments), &here, &there)
     }
 
-    /// The moments of the normals and the mean of their cosines in the pose.
-    pub(crate) fn normals(&self) -> (Matrix3<f64>, f64) {
-        let (mut moments, mut cosines) = (Matrix3::zeros(), 0.0);
-        for (claim, normal) in self.claims.iter().zip(self.lookers.normals()) {
-            moments += claim.normal * normal.transpose();
-            cosines += claim.normal.dot(&(self.centres_from_lookers * normal));
-        }
-        (moments, cosines / self.mass().max(MASS_MIN))
+    /// The moments of the normals.
+    pub(crate) fn normal_moments(&self) -> Matrix3<f64> {
+        let normals = self.claims.iter().zip(self.lookers.normals());
+        normals.map(|(claim, normal)| claim.normal * normal.transpose()).sum()
     }
 
     /// The expected squared distances, summed, once the lookers are moved to `pose`.
@@ -79,16 +77,22 @@ impl<'a> Expectation<'a> {
         sum.max(0.0)
     }
 
+    /// The mean of these over lookers and axes: the mixture's variance in that pose.
+    pub(crate) fn variance_at(&self, pose: &Isometry3<f64>) -> f64 {
+        self.squared_at(pose) / (3.0 * self.mass().max(MASS_MIN))
+    }
+
     /// Where the centres want the looker, times its mass.
     fn partner(&self, claim: &Claim, point: &Point3<f64>) -> Vector3<f64> {
         (self.centres_from_lookers * point).coords * claim.mass + claim.offset
     }
 }
 
-/// The mean over all pairs and axes of the squared distance: the first variance of most mixtures.
-pub(crate) fn mean_square_of_all_pairs(points: &[Point3<f64>], others: &[Point3<f64>]) -> f64 {
-    let (mean, scatter) = mean_and_scatter(points);
-    let (other_mean, other_scatter) = mean_and_scatter(others);
+/// The mean over all pairs and axes of the squared distance, the source placed by `start`: the first variance of the mixtures.
+pub(crate) fn first_variance(source: &PointCloud, target: &PointCloud, start: &Isometry3<f64>) -> f64 {
+    let placed: Vec<Point3<f64>> = source.points().iter().map(|point| start * point).collect();
+    let (mean, scatter) = mean_and_scatter(&placed);
+    let (other_mean, other_scatter) = mean_and_scatter(target.points());
     ((mean - other_mean).norm_squared() + scatter + other_scatter) / 3.0
 }
 
@@ -99,18 +103,16 @@ pub(crate) fn mean_and_scatter(points: &[Point3<f64>]) -> (Point3<f64>, f64) {
     (mean, squared / points.len().max(1) as f64)
 }
 
+/// What a Gaussian of this variance on each axis integrates to, 1 at its middle.
+pub(crate) fn gaussian_volume(variance: f64) -> f64 {
+    (std::f64::consts::TAU * variance).powf(1.5)
+}
+
 /// The volume of the box that holds the points.
 pub(crate) fn box_volume(points: &[Point3<f64>]) -> f64 {
-    (0..3)
-        .map(|axis| {
-            let values = points.iter().map(|point| point[axis]);
-            let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
-                (low.min(value), high.max(value))
-            });
-            (high - low).max(f64::MIN_POSITIVE)
-        })
-        .product()
+    let (low, high) = extents(points);
+    (high - low).iter().map(|side| side.max(f64::MIN_POSITIVE)).product()
 }
 
 /// Less mass than this is none.
-const MASS_MIN: f64 = 1e-280;
+pub(crate) const MASS_MIN: f64 = 1e-280;

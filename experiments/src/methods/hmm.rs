@@ -20,7 +20,7 @@ use bladescan::geometry::normals::estimated_normals;
 use nalgebra::{Isometry3, Vector3};
 
 use super::affinity::{Attraction, Centres, Lookers};
-use super::expectation::{Expectation, box_volume, mean_and_scatter, mean_square_of_all_pairs};
+use super::expectation::{Expectation, MASS_MIN, box_volume, first_variance, gaussian_volume, mean_and_scatter};
 use super::exponential::exp;
 
 /// The mixture and when to stop.
@@ -59,8 +59,7 @@ pub(crate) fn register(
 ) -> Isometry3<f64> {
     let centres = Centres::with_normals(source.points(), &normals(source, settings.neighbour_count));
     let lookers = Lookers::with_normals(target.points(), &normals(target, settings.neighbour_count));
-    let placed: Vec<_> = source.points().iter().map(|point| start * point).collect();
-    let mut variance = mean_square_of_all_pairs(&placed, target.points());
+    let mut variance = first_variance(source, target, start);
     let least = VARIANCE_MIN_FACTOR * mean_and_scatter(target.points()).1;
     let mut concentration = settings.start_concentration;
     let odds = settings.outlier_fraction / (1.0 - settings.outlier_fraction);
@@ -73,16 +72,15 @@ pub(crate) fn register(
         };
         // The quotient of the constants of the uniform and of the hybrid density.
         let directions = (1.0 - (-2.0 * concentration).exp()) / concentration;
-        let outlier_mass = (std::f64::consts::TAU * variance).powf(1.5) * density * directions;
+        let outlier_mass = gaussian_volume(variance) * density * directions;
         let claims = centres.claims(&lookers, &source_from_target, attraction);
         let expectation = Expectation::new(&lookers, source_from_target, claims, outlier_mass);
-        let (moments, _) = expectation.normals();
+        let moments = expectation.normal_moments();
         source_from_target = expectation.best_pose_with(1.0 / variance, &(moments * concentration));
         let last = variance;
-        let mass = expectation.mass().max(f64::MIN_POSITIVE);
-        variance = expectation.squared_at(&source_from_target) / (3.0 * mass);
-        concentration =
-            concentration_of(moments.dot(&source_from_target.rotation.to_rotation_matrix().into_inner()) / mass);
+        variance = expectation.variance_at(&source_from_target);
+        let cosines = moments.dot(&source_from_target.rotation.to_rotation_matrix().into_inner());
+        concentration = concentration_of(cosines / expectation.mass().max(MASS_MIN));
         if variance <= least || (last - variance).abs() <= settings.stop_fraction * variance {
             break;
         }
@@ -164,25 +162,13 @@ mod tests {
     #[test]
     fn permuted_points_are_laid_on_each_other() {
         let pair = testing::permuted(300, 30.0, [0.3, -0.2, 0.1]);
-        let found = register(
-            &pair.source,
-            &pair.target,
-            &Isometry3::identity(),
-            &HmmSettings::default(),
-        );
-        assert_near(&found, &pair.truth, 1e-6);
+        assert_near(&testing::found(&pair, register), &pair.truth, 1e-6);
     }
 
     #[test]
     fn outliers_go_to_the_uniform_part() {
         let pair = testing::with_scattered_outliers(300, 100);
-        let found = register(
-            &pair.source,
-            &pair.target,
-            &Isometry3::identity(),
-            &HmmSettings::default(),
-        );
-        assert_near(&found, &pair.truth, 1e-6);
+        assert_near(&testing::found(&pair, register), &pair.truth, 1e-6);
     }
 
     #[test]

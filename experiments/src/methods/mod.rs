@@ -14,10 +14,10 @@ mod exponential;
 mod hmm;
 mod icp;
 mod lm_icp;
-mod product;
+pub(crate) mod product;
 #[cfg(test)]
 mod testing;
-mod tricp;
+pub(crate) mod tricp;
 
 use bladescan::geometry::PointCloud;
 use clap::ValueEnum;

@@ -3,7 +3,7 @@
 use bladescan::geometry::PointCloud;
 use bladescan::geometry::sampling::random_indices;
 use bladescan::registration::mpe::descend;
-use bladescan::registration::{MpeSettings, Settings, Stride};
+use bladescan::registration::{MpeSettings, Settings, Stride, Summation};
 use nalgebra::{Isometry3, Point3};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -17,17 +17,33 @@ pub(crate) fn register(source: &PointCloud, target: &PointCloud) -> Isometry3<f6
 /// MPE alone, as the paper has it: random samples of both clouds, strides that are halved when a direction reverses. The
 /// sign, the centre of the torque and the rule of halving are those that `docs/paper.md` gives reasons for.
 pub(crate) fn mpe(source: &PointCloud, target: &PointCloud, start: &Isometry3<f64>) -> Isometry3<f64> {
+    let mut rng = ChaCha8Rng::seed_from_u64(SAMPLE_SEED);
+    mpe_on_samples(source, target, start, SAMPLE_COUNT, Summation::Automatic, &mut rng)
+}
+
+/// As [`mpe`], on samples of so many points, their forces summed in this way.
+pub(crate) fn mpe_on_samples(
+    source: &PointCloud,
+    target: &PointCloud,
+    start: &Isometry3<f64>,
+    sample_count: usize,
+    summation: Summation,
+    rng: &mut ChaCha8Rng,
+) -> Isometry3<f64> {
     let settings = MpeSettings {
         stride: Stride::Halving,
+        summation,
         ..MpeSettings::default()
     };
-    let mut rng = ChaCha8Rng::seed_from_u64(SAMPLE_SEED);
-    let mut sample = |cloud: &PointCloud| -> Vec<Point3<f64>> {
-        let indices = random_indices(cloud.len(), SAMPLE_COUNT, &mut rng);
-        indices.into_iter().map(|index| cloud.points()[index]).collect()
-    };
-    let (template, reference) = (sample(source), sample(target));
+    let template = sample(source, sample_count, rng);
+    let reference = sample(target, sample_count, rng);
     descend(&template, &reference, start, &settings).reference_from_template
+}
+
+/// Points of a cloud drawn at random, in their order.
+pub(crate) fn sample(cloud: &PointCloud, count: usize, rng: &mut ChaCha8Rng) -> Vec<Point3<f64>> {
+    let indices = random_indices(cloud.len(), count, rng);
+    indices.into_iter().map(|index| cloud.points()[index]).collect()
 }
 
 /// The paper's sample of each cloud.

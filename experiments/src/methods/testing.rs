@@ -116,6 +116,14 @@ pub(crate) fn ball_with_a_field_of_normals(count: usize, turn_deg: f64) -> Known
     }
 }
 
+/// What a method finds from the identity with its own settings.
+pub(crate) fn found<S: Default>(
+    pair: &Known,
+    register: fn(&PointCloud, &PointCloud, &Isometry3<f64>, &S) -> Isometry3<f64>,
+) -> Isometry3<f64> {
+    register(&pair.source, &pair.target, &Isometry3::identity(), &S::default())
+}
+
 /// Asserts that an estimate differs from the truth by less than `tolerance`, in radians and in the clouds' unit.
 pub(crate) fn assert_near(estimate: &Isometry3<f64>, truth: &Isometry3<f64>, tolerance: f64) {
     let error = truth.inverse() * estimate;

@@ -14,8 +14,7 @@
 use bladescan::geometry::PointCloud;
 use nalgebra::{Isometry3, Point3};
 
-use super::closest::{Closest, Pair};
-use crate::kabsch::motion_between;
+use super::closest::{Closest, Pair, mean_square, motion_of};
 
 /// How pairs are trimmed and when to stop.
 #[derive(Debug, Clone, Copy)]
@@ -104,13 +103,12 @@ fn trimmed(
     let mut last = f64::INFINITY;
     for _ in 0..settings.iteration_max_count {
         let pairs = nearest_of(closest.pairs(source, &pose), kept_count);
-        let mean_square = pairs.iter().map(|pair| pair.squared).sum::<f64>() / pairs.len().max(1) as f64;
+        let mean_square = mean_square(&pairs);
         if (last - mean_square).abs() <= settings.stop_fraction * mean_square {
             break;
         }
         last = mean_square;
-        let (from, to): (Vec<Point3<f64>>, Vec<Point3<f64>>) = pairs.iter().map(|pair| (pair.from, pair.to)).unzip();
-        pose = motion_between(&from, &to);
+        pose = motion_of(&pairs);
     }
     Trimmed {
         pose,
@@ -154,13 +152,7 @@ mod tests {
     #[test]
     fn permuted_points_are_laid_on_each_other() {
         let pair = testing::permuted(400, 10.0, [0.03, -0.02, 0.02]);
-        let found = register(
-            &pair.source,
-            &pair.target,
-            &Isometry3::identity(),
-            &TrimmedSettings::default(),
-        );
-        assert_near(&found, &pair.truth, 1e-6);
+        assert_near(&testing::found(&pair, register), &pair.truth, 1e-6);
     }
 
     #[test]

@@ -9,12 +9,13 @@ use nalgebra::Isometry3;
 use rand_chacha::ChaCha8Rng;
 
 use super::Effort;
-use super::fall::{blades, fall, refined, sample};
-use super::fig2::rmse;
+use super::fall::{blades, fall};
 use super::item::{Item, Summary, duration, short};
-use crate::cases::median;
+use crate::cases::{median, rmse};
 use crate::generate;
 use crate::methods::Method;
+use crate::methods::product::sample;
+use crate::methods::tricp::{self, TrimmedSettings};
 
 /// What is done with the samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -62,11 +63,12 @@ pub(crate) fn measure(effort: &Effort) -> Result<Item, Box<dyn Error>> {
             let count = effort.point_count();
             let outlier_count = (OUTLIER_FRACTION * count as f64) as usize;
             let pair = generate::repeated(&surface, count, &truth, SIGMA, outlier_count, &mut rng);
-            let source = PointCloud::from_measured(pair.source).cloud;
+            let known = pair.known;
+            let (source, target) = pair.into_clouds();
             drawn.push(Drawn {
-                known_rmse: rmse(&source, &pair.known, &truth),
+                known_rmse: rmse(&source, &known.to_homogeneous(), &truth.to_homogeneous()),
                 source,
-                target: PointCloud::from_measured(pair.target).cloud,
+                target,
                 truth,
                 rng,
             });
@@ -95,7 +97,10 @@ pub(crate) fn measure(effort: &Effort) -> Result<Item, Box<dyn Error>> {
             let motion = |rng: &mut ChaCha8Rng| fall(&pair.source, &pair.target, count, Summation::Automatic, rng);
             match stages {
                 Stages::Motion => motion(rng),
-                Stages::MotionAndIcp => refined(&pair.source, &pair.target, &motion(rng)),
+                Stages::MotionAndIcp => {
+                    let near = motion(rng);
+                    tricp::register(&pair.source, &pair.target, &near, &TrimmedSettings::default())
+                }
                 Stages::Icp => {
                     let [source, target] = [&pair.source, &pair.target]
                         .map(|cloud| PointCloud::from_measured(sample(cloud, count, rng)).cloud);
@@ -140,7 +145,7 @@ fn over(
         let begun = Instant::now();
         let found = register(pair, &mut rng);
         let seconds = begun.elapsed().as_secs_f64();
-        let error = rmse(&pair.source, &found, &pair.truth);
+        let error = rmse(&pair.source, &found.to_homogeneous(), &pair.truth.to_homogeneous());
         rows.push(vec![
             sample.to_owned(),
             stages.to_owned(),

@@ -8,10 +8,9 @@ use bladescan::registration::Summation;
 
 use super::Effort;
 use super::fall::{blades, fall};
-use super::fig2::rmse;
 use super::item::{Item, Summary, duration, short};
 use super::svg::{Axis, Plot, Series, Style};
-use crate::cases::median;
+use crate::cases::{median, rmse};
 use crate::generate::{self, Surface};
 
 /// Sampling ratio with the paper's mean error in mm and its variance in 1e-6.
@@ -254,17 +253,14 @@ fn one(effort: &Effort, ratio: f64, blade: &str, surface: &Surface, repeat: u32)
     let truth = generate::motion(&mut rng);
     let count = effort.point_count();
     let pair = generate::repeated(surface, count, &truth, 0.0, 0, &mut rng);
-    let (source, target) = (
-        PointCloud::from_measured(pair.source).cloud,
-        PointCloud::from_measured(pair.target).cloud,
-    );
+    let (source, target) = pair.into_clouds();
     let sample_count = (ratio * count as f64).round() as usize;
     let begun = Instant::now();
     let found = fall(&source, &target, sample_count, Summation::Automatic, &mut rng);
     Fall {
         ratio,
         seconds: begun.elapsed().as_secs_f64(),
-        rmse: rmse(&source, &found, &truth),
+        rmse: rmse(&source, &found.to_homogeneous(), &truth.to_homogeneous()),
     }
 }
 

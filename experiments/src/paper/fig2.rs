@@ -3,15 +3,12 @@
 use std::error::Error;
 use std::time::Instant;
 
-use bladescan::geometry::PointCloud;
-use nalgebra::Isometry3;
-
 use super::Effort;
 use super::fall::blades;
 use super::item::{Item, Summary, short};
 use super::svg::{Axis, Plot, Scale, Series, Style};
-use crate::cases::median;
-use crate::generate::{self, OUTLIER_SIGMA, Repeated, Surface};
+use crate::cases::{median, rmse};
+use crate::generate::{self, OUTLIER_SIGMA, Surface};
 use crate::methods::Method;
 
 /// Noise over the blade's half length, which the paper calls a metre.
@@ -127,17 +124,14 @@ fn register_all(
     let truth = generate::motion(&mut rng);
     let (sigma, outlier_count) = (sweep.disturbance)(level, effort);
     let pair = generate::repeated(surface, effort.point_count(), &truth, sigma, outlier_count, &mut rng);
-    let Repeated { source, target, known } = pair;
-    let (source, target) = (
-        PointCloud::from_measured(source).cloud,
-        PointCloud::from_measured(target).cloud,
-    );
+    let known = pair.known;
+    let (source, target) = pair.into_clouds();
     let mut outcomes = Vec::new();
     for method in METHODS.into_iter().map(Some).chain([None]) {
         let begun = Instant::now();
         let estimate = method.map_or(known, |method| method.estimate(&source, &target));
         let seconds = begun.elapsed().as_secs_f64();
-        let rmse = rmse(&source, &estimate, &truth);
+        let rmse = rmse(&source, &estimate.to_homogeneous(), &truth.to_homogeneous());
         let between = truth.inverse() * estimate;
         rows.push(vec![
             blade.to_owned(),
@@ -157,16 +151,6 @@ fn register_all(
         });
     }
     outcomes
-}
-
-/// Root mean square distance between where two motions bring the points of a cloud.
-pub(crate) fn rmse(cloud: &PointCloud, estimate: &Isometry3<f64>, truth: &Isometry3<f64>) -> f64 {
-    let squared: f64 = cloud
-        .points()
-        .iter()
-        .map(|point| (estimate * point - truth * point).norm_squared())
-        .sum();
-    (squared / cloud.len().max(1) as f64).sqrt()
 }
 
 fn name(method: Option<Method>) -> String {
