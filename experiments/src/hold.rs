@@ -381,7 +381,9 @@ fn start_cell(arguments: &HoldArguments, station: &Station, link: &str) -> Resul
                 stopped.await.ok();
             };
             let render = move |job: &hw_sim::cell::RenderJob| job.run(&renderer);
-            serve_watched(Cell::new(scene), render, see, sockets, None, stop)
+            let mut cell = Cell::new(scene);
+            cell.watch_serial();
+            serve_watched(cell, render, see, sockets, None, stop)
                 .await
                 .map_err(|error| error.to_string())
         })

@@ -192,16 +192,16 @@ pub async fn serve_with(
     serve_watched(cell, render, |_, _| (), sockets, truth_path, stop).await
 }
 
-/// As [`serve_with`]; `see` is called with everything that comes and with when it came, by the cell's clock.
+/// As [`serve_with`]; `see` is called with everything that comes and with when it came, by the cell's clock; with what comes
+/// over the serial line if that is watched ([`Cell::watch_serial`]).
 pub async fn serve_watched(
-    mut cell: Cell,
+    cell: Cell,
     render: impl Fn(&RenderJob) -> Frame + Send + Sync + 'static,
     mut see: impl FnMut(Instant, Seen<'_>),
     mut sockets: Sockets,
     truth_path: Option<PathBuf>,
     stop: impl Future<Output = ()>,
 ) -> Result<(), ShellError> {
-    cell.watch_serial();
     let (input_sender, mut inputs) = mpsc::channel(INPUT_COUNT_MAX);
     let (truth_sender, truths) = watch::channel(Arc::new(cell.truth().clone()));
     let truth_writer = truth_path.map(|path| tokio::spawn(write_truths(path, truths)));
