@@ -5,7 +5,7 @@ use crate::cleaning;
 use crate::event::RemovedCounts;
 use crate::geometry::{PointCloud, matrix_rows};
 use crate::reconstruction::{Decision, Model, ViewRegistration, ViewSettings, register_view};
-use crate::registration::{self, Search, Stage};
+use crate::registration::{Search, Stage};
 use crate::seed::{Seed, Stream};
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
@@ -187,13 +187,8 @@ impl CompareJob {
     fn run(&self, on_stage: &mut dyn FnMut(&str)) -> JobOutput {
         let before = Model::default().merged_with(&self.before, &Isometry3::identity(), 0.0);
         let mut registered = |search: Search| {
-            let settings = ViewSettings {
-                registration: registration::Settings {
-                    search,
-                    ..self.settings.registration.clone()
-                },
-                ..self.settings.clone()
-            };
+            let mut settings = self.settings.clone();
+            settings.registration.search = search;
             let stream = self.seed.stream(Stream::Sampling {
                 view_index: self.view_index as u32,
             });

@@ -75,12 +75,8 @@ pub fn reconstruct(
         now: &mut now,
         on_event,
     };
-    let Recorded {
-        recipe: recorded_recipe,
-        station,
-        plan,
-    } = recorded;
-    let controller = Controller::new(recording.header().clone(), &recorded_recipe, &station, plan);
+    let header = recording.header().clone();
+    let controller = Controller::new(header, &recorded.recipe, &recorded.station, recorded.plan);
     let frames = feed(recording, controller, pool, &mut |output| {
         reconstruction.handle_output(output, &mut outside);
     })?;

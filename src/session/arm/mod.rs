@@ -337,13 +337,9 @@ impl Arm {
             (Command::ServoOff, _) => self.finish_parking(),
             (Command::ServoOn, State::Readying(readying)) => {
                 readying.servo_asked = true;
-                readying.is_unanswered = false;
                 self.ask_status(now);
             }
-            (Command::HoldOff, State::Readying(readying)) => {
-                readying.is_unanswered = false;
-                self.ask_status(now);
-            }
+            (Command::HoldOff, State::Readying(_)) => self.ask_status(now),
             (Command::Write { .. }, State::Readying(_)) => self.poll_later(now),
             (Command::Write { .. }, State::EndingJob) => self.switch_servo_off(now),
             (_, State::Rewinding) => self.be_held(),

@@ -12,7 +12,7 @@ pub(super) struct Readying {
     act_count: u32,
     /// Servo power has been asked for and may need time.
     pub(super) servo_asked: bool,
-    /// The last act got no answer.
+    /// The last act that was said got no answer.
     pub(super) is_unanswered: bool,
 }
 
