@@ -29,6 +29,8 @@ const METHODS: [Method; 8] = [
 const BASELINE_COUNT: usize = 5;
 /// The paper: lower than every other by at least 45.5 %.
 const CLAIMED_RATIO: f64 = 1.0 - 0.455;
+/// As good as the lowest.
+const CLOSE_RATIO: f64 = 1.1;
 
 /// What is disturbed, level by level.
 struct Sweep {
@@ -81,17 +83,20 @@ pub(crate) fn outliers(effort: &Effort) -> Result<Item, Box<dyn Error>> {
 }
 
 fn measure(effort: &Effort, sweep: &Sweep) -> Result<Item, Box<dyn Error>> {
-    let mut item = Item {
-        columns: vec!["blade", "level", "repeat", "method", "rmse", "rotation_deg", "translation", "seconds"],
-        rows: Vec::new(),
-        plots: Vec::new(),
-        summary: Vec::new(),
-        notes: vec![
-            "RMSE over the moved points, in half lengths; the median of all repeats, failures included. \"Known pairs\" is the least-squares motion of \
-             the true correspondences. A rank counts the method and the paper's five others."
-                .to_owned(),
+    let mut item = Item::new(
+        &[
+            "blade",
+            "level",
+            "repeat",
+            "method",
+            "rmse",
+            "rotation_deg",
+            "translation",
+            "seconds",
         ],
-    };
+        "RMSE over the moved points, in half lengths; the median of all repeats, failures included. \"Known pairs\" is the least-squares motion of \
+             the true correspondences. A rank counts the method and the paper's five others.",
+    );
     let mut outcomes = Vec::new();
     for (blade, surface) in blades()? {
         for &level in &sweep.levels {
@@ -100,7 +105,7 @@ fn measure(effort: &Effort, sweep: &Sweep) -> Result<Item, Box<dyn Error>> {
                 outcomes.extend(measured);
             }
         }
-        item.plots.push((blade.to_owned(), plot(sweep, blade, &outcomes)));
+        item.plot(blade, &plot(sweep, blade, &outcomes));
     }
     for &level in &sweep.levels {
         for method in [Method::MpeTricp, Method::Mpe, Method::Bladescan] {
@@ -213,25 +218,26 @@ fn compared(sweep: &Sweep, level: f64, method: Method, outcomes: &[Outcome]) -> 
         format!("{} {level}, {}", sweep.name, method.name()),
         sweep.claim,
         format!(
-            "{}: rank {rank} of {}, {} × {} ({}), {} × known pairs",
+            "{}: rank {rank} of {}, {} × known pairs",
             short(own),
             BASELINE_COUNT + 1,
-            short(ratio),
-            best.0,
-            short(best.1),
             short(own / known)
         ),
         judged(rank, ratio),
     )
+    .with_peer(format!("{} {}", best.0, short(best.1)))
 }
 
 fn judged(rank: usize, ratio: f64) -> String {
+    let ratio_said = short(ratio);
     if rank == 1 && ratio <= CLAIMED_RATIO {
-        "as the paper says".to_owned()
+        format!("as the paper says: {ratio_said} × the best other")
     } else if rank == 1 {
-        format!("lowest, by {:.1} %", 100.0 * (1.0 - ratio))
+        format!("lowest: {ratio_said} × the best other")
+    } else if ratio <= CLOSE_RATIO {
+        format!("not lowest, within 10 %: {ratio_said} × the best other")
     } else {
-        format!("not lowest: {:.1} % above the best", 100.0 * (ratio - 1.0))
+        format!("not lowest: {ratio_said} × the best other")
     }
 }
 
@@ -271,13 +277,12 @@ mod tests {
         };
         assert_eq!(effort.some(&OUTLIER_COUNTS), [&200.0, &2000.0]);
         let of_mpe = compared(&sweep, 200.0, Method::Mpe, &outcomes);
-        assert_eq!(
-            of_mpe.ours,
-            "0.300: rank 2 of 6, 1.50 × lm-icp (0.200), 6.00 × known pairs"
-        );
-        assert_eq!(of_mpe.verdict, "not lowest: 50.0 % above the best");
+        assert_eq!(of_mpe.ours, "0.300: rank 2 of 6, 6.00 × known pairs");
+        assert_eq!(of_mpe.peer, "lm-icp 0.200");
+        assert_eq!(of_mpe.verdict, "not lowest: 1.50 × the best other");
         let of_own = compared(&sweep, 200.0, Method::Bladescan, &outcomes);
-        assert_eq!(of_own.verdict, "as the paper says");
-        assert_eq!(judged(1, 0.9), "lowest, by 10.0 %");
+        assert_eq!(of_own.verdict, "as the paper says: 0.500 × the best other");
+        assert_eq!(judged(1, 0.9), "lowest: 0.900 × the best other");
+        assert_eq!(judged(2, 1.05), "not lowest, within 10 %: 1.05 × the best other");
     }
 }

@@ -8,8 +8,8 @@ use super::svg::Plot;
 pub(crate) struct Item {
     pub(crate) columns: Vec<&'static str>,
     pub(crate) rows: Vec<Vec<String>>,
-    /// With the part of the file's name that follows the label; empty for the only one.
-    pub(crate) plots: Vec<(String, Plot)>,
+    /// SVG text with the part of the file's name that follows the label; empty for the only one.
+    pub(crate) pictures: Vec<(String, String)>,
     pub(crate) summary: Vec<Summary>,
     /// What a reader has to know besides: how this differs from the paper's.
     pub(crate) notes: Vec<String>,
@@ -19,11 +19,28 @@ pub(crate) struct Item {
 pub(crate) struct Summary {
     pub(crate) what: String,
     pub(crate) paper: String,
+    /// What the best of the others gives, where there are others.
+    pub(crate) peer: String,
     pub(crate) ours: String,
     pub(crate) verdict: String,
 }
 
 impl Item {
+    pub(crate) fn new(columns: &[&'static str], note: impl Into<String>) -> Self {
+        Self {
+            columns: columns.to_vec(),
+            rows: Vec::new(),
+            pictures: Vec::new(),
+            summary: Vec::new(),
+            notes: vec![note.into()],
+        }
+    }
+
+    /// Adds a plot.
+    pub(crate) fn plot(&mut self, part: impl Into<String>, plot: &Plot) {
+        self.pictures.push((part.into(), plot.svg()));
+    }
+
     /// A line of column names, then the rows.
     pub(crate) fn csv(&self) -> String {
         let rows = self.rows.iter().map(|row| row.join(",") + "\n");
@@ -41,13 +58,21 @@ impl Summary {
         Self {
             what: what.into(),
             paper: paper.into(),
+            peer: "-".to_owned(),
             ours: ours.into(),
             verdict: verdict.into(),
         }
     }
 
+    pub(crate) fn with_peer(self, peer: impl Into<String>) -> Self {
+        Self {
+            peer: peer.into(),
+            ..self
+        }
+    }
+
     pub(crate) fn json(&self) -> Value {
-        json!({ "what": self.what, "paper": self.paper, "ours": self.ours, "verdict": self.verdict })
+        json!({ "what": self.what, "paper": self.paper, "peer": self.peer, "ours": self.ours, "verdict": self.verdict })
     }
 }
 

@@ -20,7 +20,7 @@ const SHIFT_STEP_COUNT: i32 = 600;
 /// Fig. P4: ε² of 2, 4, 8 and 16 with an outlier at 4.5.
 pub(crate) fn by_softening() -> Item {
     let reference = reference(OUTLIERS[0]);
-    let mut item = item(vec!["softening", "shift", "nfi"]);
+    let mut item = item(&["softening", "shift", "nfi"]);
     for softening in SOFTENINGS {
         let curve = curve(|shift| nfi(&reference, shift, softening));
         let name = format!("ε² = {softening}");
@@ -43,27 +43,21 @@ pub(crate) fn by_softening() -> Item {
                 .map(|[shift, value]| vec![softening.to_string(), format!("{shift:.2}"), format!("{value:.9}")]),
         );
         let part = format!("eps{softening}");
-        item.plots.push((
+        item.plot(
             part,
-            plot(
+            &plot(
                 &format!("NFI, {name}, outlier at 4.5"),
                 "NFI error",
                 vec![(name, curve)],
             ),
-        ));
+        );
     }
     item
 }
 
 /// Fig. P3: outliers at 4.5, 5.5, 7.5 and 11.5.
 pub(crate) fn by_outlier() -> Item {
-    let mut item = item(vec![
-        "outlier",
-        "shift",
-        "nfi",
-        "squared_of_template",
-        "squared_of_reference",
-    ]);
+    let mut item = item(&["outlier", "shift", "nfi", "squared_of_template", "squared_of_reference"]);
     for outlier in OUTLIERS {
         let reference = reference(outlier);
         let energy = curve(|shift| nfi(&reference, shift, SOFTENING));
@@ -97,17 +91,17 @@ pub(crate) fn by_outlier() -> Item {
                 "drawn aside by the outlier"
             },
         ));
-        item.plots.push((
+        item.plot(
             format!("nfi-{outlier}"),
-            plot(
+            &plot(
                 &format!("NFI, ε² = {SOFTENING}, outlier at {outlier}"),
                 "NFI error",
                 vec![("NFI".to_owned(), energy)],
             ),
-        ));
-        item.plots.push((
+        );
+        item.plot(
             format!("l2-{outlier}"),
-            plot(
+            &plot(
                 &format!("Nearest points, outlier at {outlier}"),
                 "squared distance",
                 vec![
@@ -115,21 +109,18 @@ pub(crate) fn by_outlier() -> Item {
                     ("reference to template".to_owned(), of_reference),
                 ],
             ),
-        ));
+        );
     }
     item
 }
 
-fn item(columns: Vec<&'static str>) -> Item {
-    Item {
+fn item(columns: &[&'static str]) -> Item {
+    Item::new(
         columns,
-        rows: Vec::new(),
-        plots: Vec::new(),
-        summary: Vec::new(),
-        notes: vec![format!(
+        format!(
             "The paper's points are only in its picture. Here the template is {TEMPLATE:?}, the reference the same points shifted by +5 and the outlier: chosen to have what the text describes."
-        )],
-    }
+        ),
+    )
 }
 
 fn reference(outlier: f64) -> Vec<f64> {

@@ -161,13 +161,13 @@ fn write(
 ) -> Result<(), Box<dyn Error>> {
     let name = label.name();
     let mut plots = Vec::new();
-    for (part, plot) in &item.plots {
+    for (part, picture) in &item.pictures {
         let file = if part.is_empty() {
             format!("{name}.svg")
         } else {
             format!("{name}-{part}.svg")
         };
-        fs::write(arguments.out.join(&file), plot.svg())?;
+        fs::write(arguments.out.join(&file), picture)?;
         plots.push(file);
     }
     fs::write(arguments.out.join(format!("{name}.csv")), item.csv())?;

@@ -53,9 +53,9 @@ fn section(document: &Value, prefix: &Path) -> Result<String, Box<dyn Error>> {
     };
     let list = |name: &str| document[name].as_array().ok_or_else(|| format!("`{name}` is missing"));
     let mut text = format!("\n## {}: {}\n\n", field(document, "label")?, field(document, "title")?);
-    text += "| what | paper | ours | verdict |\n|---|---|---|---|\n";
+    text += "| what | paper | peer | ours | verdict |\n|---|---|---|---|---|\n";
     for row in list("summary")? {
-        let cells = ["what", "paper", "ours", "verdict"].map(|name| field(row, name));
+        let cells = ["what", "paper", "peer", "ours", "verdict"].map(|name| field(row, name));
         for cell in cells {
             text += &format!("| {} ", cell?.replace('|', "\\|"));
         }
@@ -110,7 +110,7 @@ mod tests {
         json!({
             "label": "ab", "title": "Ablation", "command": "experiments paper ab", "seed": 1, "repeats": 2, "quick": false,
             "cores": 2, "threads": 2, "version": "1.2.3", "wall_s": 3.4, "notes": ["A note."], "plots": ["ab.svg"],
-            "summary": [{ "what": "500 points", "paper": "0.11 mm", "ours": "1.3 mm", "verdict": "no | yes" }],
+            "summary": [{ "what": "500 points", "paper": "0.11 mm", "peer": "-", "ours": "1.3 mm", "verdict": "no | yes" }],
         })
     }
 
@@ -118,7 +118,7 @@ mod tests {
     fn what_a_file_says_is_a_row_with_its_command_and_plots() {
         let text = section(&document(), Path::new("results")).unwrap();
         assert!(
-            text.contains("| 500 points | 0.11 mm | 1.3 mm | no \\| yes |\n"),
+            text.contains("| 500 points | 0.11 mm | - | 1.3 mm | no \\| yes |\n"),
             "{text}"
         );
         assert!(

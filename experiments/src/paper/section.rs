@@ -36,28 +36,26 @@ struct Grid {
 }
 
 pub(crate) fn measure(effort: &Effort) -> Result<Item, Box<dyn Error>> {
-    let step_count = if effort.quick { 48 } else { 120 };
+    let step_count = if effort.quick { 48 } else { 96 };
     let template = section(effort)?;
     let clean = placed(&template);
     let noisy = disturbed(&clean, effort);
-    let mut item = Item {
-        columns: vec!["data", "loss", "turn_deg", "shift", "value"],
-        rows: Vec::new(),
-        plots: Vec::new(),
-        summary: Vec::new(),
-        notes: vec![format!(
+    let mut item = Item::new(
+        &["turn_deg", "shift", "nfi_clean", "l2_clean", "nfi_noisy", "l2_noisy"],
+        format!(
             "A section of {} points of the second blade, in units of its root mean square radius, turned by {} degrees and shifted by {}. Noisy: σ {NOISE} and \
              {OUTLIER_COUNT} outliers. Local minima are grid points lower than their eight neighbours; the path goes from (0, 0) to the lowest neighbour, again and again.",
             template.len(),
             TRUTH[0],
             TRUTH[1],
-        )],
-    };
+        ),
+    );
+    let mut grids = Vec::new();
     for (data, reference) in [("clean", &clean), ("noisy", &noisy)] {
         let flat = |points: &[Point2<f64>]| points.iter().map(|point| [point.x, point.y]).collect();
-        item.plots.push((
+        item.plot(
             format!("data-{data}"),
-            Plot {
+            &Plot {
                 title: format!("Section, {data}"),
                 x: Axis::linear("x"),
                 y: Axis::linear("y"),
@@ -67,7 +65,7 @@ pub(crate) fn measure(effort: &Effort) -> Result<Item, Box<dyn Error>> {
                 ],
                 map: None,
             },
-        ));
+        );
         let losses: [(&str, Loss); 2] = [("NFI", attraction), ("ℓ2", nearest_squared)];
         for (name, loss) in losses {
             let grid = Grid::new(&template, reference, loss, step_count);
@@ -93,22 +91,27 @@ pub(crate) fn measure(effort: &Effort) -> Result<Item, Box<dyn Error>> {
                 ),
                 if as_claimed { "as the paper says" } else { "not so" },
             ));
-            for (row, values) in grid.rows.iter().enumerate() {
-                for (column, value) in values.iter().enumerate() {
-                    let [turn_deg, shift] = grid.at([column, row]);
-                    item.rows.push(vec![
-                        data.to_owned(),
-                        if name == "NFI" { "nfi" } else { "l2" }.to_owned(),
-                        format!("{turn_deg:.3}"),
-                        format!("{shift:.4}"),
-                        format!("{value:.6}"),
-                    ]);
-                }
-            }
-            item.plots.push(grid.plot(data, name, &minima, &path));
+            let (part, plot) = grid.plot(data, name, &minima, &path);
+            item.plot(part, &plot);
+            grids.push(grid);
         }
     }
+    item.rows = rows(&grids);
     Ok(item)
+}
+
+/// A row for each turn and shift with the value of every grid, all of the same size.
+fn rows(grids: &[Grid]) -> Vec<Vec<String>> {
+    let count = grids.first().map_or(0, |grid| grid.rows.len());
+    let cells = (0..count).flat_map(|row| (0..count).map(move |column| [column, row]));
+    cells
+        .map(|cell| {
+            let [turn_deg, shift] = grids[0].at(cell);
+            let place = [format!("{turn_deg:.1}"), format!("{shift:.4}")];
+            let values = grids.iter().map(|grid| format!("{:.5}", grid.value(cell)));
+            place.into_iter().chain(values).collect()
+        })
+        .collect()
 }
 
 /// Points of a slab, laid flat, about their middle, with a root mean square radius of 1.
