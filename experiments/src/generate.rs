@@ -5,7 +5,7 @@
 pub(crate) mod case_set;
 mod mesh_file;
 mod surface;
-mod views;
+pub(crate) mod views;
 
 use std::error::Error;
 use std::fs;

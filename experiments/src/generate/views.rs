@@ -12,6 +12,25 @@ use rand_chacha::ChaCha8Rng;
 use super::surface::{Hit, Surface};
 use super::{as_ply, normal, rows, stream, write_link};
 
+/// What the camera measures of a blade from one place.
+pub(crate) struct View {
+    /// In the view's frame, mm.
+    pub(crate) points: Vec<Point3<f64>>,
+    pub(crate) view_from_blade: Isometry3<f64>,
+}
+
+impl View {
+    /// View `index` of the [`AROUND_COUNT`] all around, of about so many points.
+    pub(crate) fn new(surface: &Surface, name: &str, seed: u64, index: u32, point_count: usize) -> Self {
+        let mut rng = stream(seed, &format!("views {name} {index}"));
+        let view_from_blade = pose(index, &mut rng);
+        Self {
+            points: measured(surface, &view_from_blade, point_count, &mut rng),
+            view_from_blade,
+        }
+    }
+}
+
 /// Writes `view_NN.ply`, `pose_NN.txt` (view_from_blade) and the `pair_II_JJ` of views 10, 30 and 60 degrees apart;
 /// returns how many pairs.
 ///
@@ -28,13 +47,11 @@ pub(super) fn write(
     }
     fs::create_dir_all(out)?;
     let mut view_from_blade = Vec::new();
-    for view in 0..view_count {
-        let mut rng = stream(seed, &format!("views {name} {view}"));
-        let pose = pose(view, &mut rng);
-        let points = measured(surface, &pose, &mut rng);
-        fs::write(out.join(format!("view_{view:02}.ply")), as_ply(points))?;
-        fs::write(out.join(format!("pose_{view:02}.txt")), rows(&pose))?;
-        view_from_blade.push(pose);
+    for index in 0..view_count {
+        let view = View::new(surface, name, seed, index, VIEW_POINT_COUNT);
+        fs::write(out.join(format!("view_{index:02}.ply")), as_ply(view.points))?;
+        fs::write(out.join(format!("pose_{index:02}.txt")), rows(&view.view_from_blade))?;
+        view_from_blade.push(view.view_from_blade);
     }
     let mut pair_count = 0;
     for source in 0..view_count {
@@ -78,7 +95,12 @@ fn pose(view: u32, rng: &mut ChaCha8Rng) -> Isometry3<f64> {
 }
 
 /// What the camera of `view_from_blade` measures, in the view's frame.
-fn measured(surface: &Surface, view_from_blade: &Isometry3<f64>, rng: &mut ChaCha8Rng) -> Vec<Point3<f64>> {
+fn measured(
+    surface: &Surface,
+    view_from_blade: &Isometry3<f64>,
+    point_count: usize,
+    rng: &mut ChaCha8Rng,
+) -> Vec<Point3<f64>> {
     let reach = surface.half_diagonal();
     let camera = Point3::new(0.0, 0.0, CAMERA_DISTANCE_DIAGONALS * 2.0 * reach);
     let blade_from_view = view_from_blade.inverse();
@@ -104,7 +126,7 @@ fn measured(surface: &Surface, view_from_blade: &Isometry3<f64>, rng: &mut ChaCh
         })
     };
     let pilot = (0..PILOT_COUNT).filter(|_| cast(rng).is_some()).count();
-    let ray_count = PILOT_COUNT * VIEW_POINT_COUNT / pilot.max(1);
+    let ray_count = PILOT_COUNT * point_count / pilot.max(1);
     let hits: Vec<(Hit, Vector3<f64>)> = (0..ray_count).filter_map(|_| cast(rng)).collect();
     let holes: Vec<(Point3<f64>, f64)> = (0..HOLE_COUNT)
         .filter_map(|_| {
@@ -130,7 +152,7 @@ fn measured(surface: &Surface, view_from_blade: &Isometry3<f64>, rng: &mut ChaCh
 }
 
 /// Views all around, 10 degrees apart.
-const AROUND_COUNT: u32 = 36;
+pub(crate) const AROUND_COUNT: u32 = 36;
 /// How far each angle of the camera is off at most.
 const ANGLE_OFF_DEG: f64 = 3.0;
 /// Distance of the camera over the blade's diagonal.
@@ -138,7 +160,7 @@ const CAMERA_DISTANCE_DIAGONALS: f64 = 4.0;
 /// Below this cosine of the incidence points begin to be missing.
 const GRAZING_COSINE: f64 = 0.3;
 /// Points of a view, about.
-const VIEW_POINT_COUNT: usize = 52_000;
+pub(crate) const VIEW_POINT_COUNT: usize = 52_000;
 /// Rays that tell how many are needed.
 const PILOT_COUNT: usize = 20_000;
 /// Noise along the ray.

@@ -6,7 +6,7 @@ use std::time::Instant;
 use super::Effort;
 use super::fall::blades;
 use super::item::{Item, Summary, short};
-use super::svg::{Axis, Plot, Scale, Series, Style};
+use super::svg::{Axis, Plot, Series, Style};
 use crate::cases::{median, rmse};
 use crate::generate::{self, OUTLIER_SIGMA, Surface};
 use crate::methods::Method;
@@ -35,7 +35,8 @@ const CLOSE_RATIO: f64 = 1.1;
 /// What is disturbed, level by level.
 struct Sweep {
     name: &'static str,
-    axis: Axis,
+    /// What stands along the axis.
+    axis: &'static str,
     levels: Vec<f64>,
     /// Noise and number of outliers of a level.
     disturbance: fn(f64, &Effort) -> (f64, usize),
@@ -57,7 +58,7 @@ pub(crate) fn noise(effort: &Effort) -> Result<Item, Box<dyn Error>> {
         effort,
         &Sweep {
             name: "σ",
-            axis: Axis::linear("noise σ over the half length"),
+            axis: "noise σ over the half length",
             levels: effort.some(&SIGMAS).into_iter().copied().collect(),
             disturbance: |sigma, _| (sigma, 0),
             claim: "lowest, at most 0.545 of the next",
@@ -71,7 +72,7 @@ pub(crate) fn outliers(effort: &Effort) -> Result<Item, Box<dyn Error>> {
         effort,
         &Sweep {
             name: "outliers",
-            axis: Axis::linear("outliers to 3,000 points"),
+            axis: "outliers to 3,000 points",
             levels: effort.some(&OUTLIER_COUNTS).into_iter().copied().collect(),
             disturbance: |count, effort| {
                 let share = effort.point_count() as f64 / generate::POINT_COUNT as f64;
@@ -189,10 +190,7 @@ fn plot(sweep: &Sweep, blade: &str, outcomes: &[Outcome]) -> Plot {
     series.push(known);
     Plot {
         title: format!("{blade}: median RMSE by {}", sweep.name),
-        x: Axis {
-            label: sweep.axis.label.clone(),
-            scale: Scale::Linear,
-        },
+        x: Axis::linear(sweep.axis),
         y: Axis::log("RMSE over the half length"),
         series,
         map: None,
@@ -270,7 +268,7 @@ mod tests {
         };
         let sweep = Sweep {
             name: "outliers",
-            axis: Axis::linear("outliers"),
+            axis: "outliers",
             levels: vec![200.0],
             disturbance: |_, _| (0.0, 0),
             claim: "lowest",

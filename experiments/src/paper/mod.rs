@@ -4,12 +4,16 @@
 //! from the seed; all but the times is the same at any number of threads.
 
 mod ablation;
+mod chain;
 mod convergence;
 mod fall;
 mod fig2;
 mod item;
 mod line;
+mod multiview;
 pub(crate) mod page;
+mod reconstruction;
+mod scene;
 mod section;
 mod svg;
 
@@ -17,6 +21,7 @@ use std::error::Error;
 use std::fs;
 use std::io::Write;
 use std::path::PathBuf;
+use std::process::Command;
 use std::time::Instant;
 
 use clap::{Args, ValueEnum};
@@ -58,6 +63,12 @@ pub(crate) enum Label {
     Mpel,
     /// Ablation: sample, motion control, ICP.
     Ab,
+    /// Error between neighbouring dense views, four blades.
+    Uwae1,
+    /// Time to register a dense view, four blades.
+    Time,
+    /// Pictures of a reconstruction: as measured, coarse, fine.
+    Fig52,
     /// The NFI criterion along a line, by ε².
     P4,
     /// The NFI criterion and the squared distance along a line, by outlier.
@@ -81,6 +92,9 @@ impl Label {
             Self::Tc => "Mean error and its variance by sampling ratio (Table tc)",
             Self::Mpel => "Time of MPE by number of points (Table MPEL)",
             Self::Ab => "Ablation (Table ab)",
+            Self::Uwae1 => "Registration error of neighbouring views (Table UWAe1)",
+            Self::Time => "Time to register a view (Table time)",
+            Self::Fig52 => "Multiview reconstruction (Fig. fig52)",
             Self::P4 => "The NFI criterion along a line, by ε² (Fig. P4)",
             Self::P3 => "The NFI criterion and squared distances along a line, by outlier (Fig. P3)",
             Self::P2 => "The NFI criterion and squared distances of a blade's section (Fig. P2)",
@@ -95,6 +109,9 @@ impl Label {
             Self::Tc => convergence::by_ratio(effort),
             Self::Mpel => convergence::by_count(effort),
             Self::Ab => ablation::measure(effort),
+            Self::Uwae1 => multiview::errors(effort),
+            Self::Time => multiview::times(effort),
+            Self::Fig52 => reconstruction::measure(effort),
             Self::P4 => Ok(line::by_softening()),
             Self::P3 => Ok(line::by_outlier()),
             Self::P2 => section::measure(effort),
@@ -186,6 +203,7 @@ fn write(
         "cores": std::thread::available_parallelism()?.get(),
         "threads": rayon::current_num_threads(),
         "version": env!("CARGO_PKG_VERSION"),
+        "revision": revision(),
         "wall_s": wall_s,
         "notes": item.notes,
         "summary": item.summary.iter().map(item::Summary::json).collect::<Vec<_>>(),
@@ -194,6 +212,15 @@ fn write(
     let text = serde_json::to_string_pretty(&document)? + "\n";
     fs::write(arguments.out.join(format!("{name}.json")), text)?;
     Ok(())
+}
+
+/// The commit of the folder that the program is called in, `-dirty` if something there differs from it.
+fn revision() -> String {
+    let words = ["describe", "--always", "--dirty", "--abbrev=9"];
+    let said = Command::new("git").args(words).output().ok();
+    let text = said.filter(|said| said.status.success()).map(|said| said.stdout);
+    text.and_then(|text| String::from_utf8(text).ok())
+        .map_or_else(|| "unknown".to_owned(), |text| text.trim().to_owned())
 }
 
 const QUICK_POINT_COUNT: usize = 600;

@@ -66,9 +66,10 @@ fn section(document: &Value, prefix: &Path) -> Result<String, Box<dyn Error>> {
         text += &format!("{}\n\n", note.as_str().ok_or("a note is not text")?);
     }
     text += &format!(
-        "`{}`, version {}, {} threads on {} cores, {:.0} s.\n",
+        "`{}`, version {}, revision {}, {} threads on {} cores, {:.0} s.\n",
         field(document, "command")?,
         field(document, "version")?,
+        field(document, "revision")?,
         field(document, "threads")?,
         field(document, "cores")?,
         document["wall_s"].as_f64().ok_or("`wall_s` is missing")?,
@@ -94,9 +95,6 @@ const HEAD: &str = "# The paper's tables and figures\n\n\
 
 /// What is not computed yet.
 const TO_COME: &[(&str, &str)] = &[
-    ("uwae1", "Registration error of four blades, multiview (Table UWAe1)"),
-    ("time", "Time a scan of four blades (Table time)"),
-    ("fig52", "Multiview reconstruction (Fig. fig52)"),
     ("uwae2", "Errors of cross-sections (Table UWAe2)"),
     ("fig511", "Error chromatogram of cross-sections (Fig. fig511)"),
 ];
@@ -109,7 +107,7 @@ mod tests {
     fn document() -> Value {
         json!({
             "label": "ab", "title": "Ablation", "command": "experiments paper ab", "seed": 1, "repeats": 2, "quick": false,
-            "cores": 2, "threads": 2, "version": "1.2.3", "wall_s": 3.4, "notes": ["A note."], "plots": ["ab.svg"],
+            "cores": 2, "threads": 2, "version": "1.2.3", "revision": "abc", "wall_s": 3.4, "notes": ["A note."], "plots": ["ab.svg"],
             "summary": [{ "what": "500 points", "paper": "0.11 mm", "peer": "-", "ours": "1.3 mm", "verdict": "no | yes" }],
         })
     }
@@ -122,7 +120,7 @@ mod tests {
             "{text}"
         );
         assert!(
-            text.contains("`experiments paper ab`, version 1.2.3, 2 threads on 2 cores, 3 s."),
+            text.contains("`experiments paper ab`, version 1.2.3, revision abc, 2 threads on 2 cores, 3 s."),
             "{text}"
         );
         assert!(

@@ -13,6 +13,8 @@ pub(crate) enum Scale {
 pub(crate) struct Axis {
     pub(crate) label: String,
     pub(crate) scale: Scale,
+    /// What stands at 0, 1, ... instead of numbers, if anything.
+    pub(crate) names: Vec<String>,
 }
 
 impl Axis {
@@ -20,14 +22,33 @@ impl Axis {
         Self {
             label: label.to_owned(),
             scale: Scale::Linear,
+            names: Vec::new(),
         }
     }
 
     pub(crate) fn log(label: &str) -> Self {
         Self {
-            label: label.to_owned(),
             scale: Scale::Log,
+            ..Self::linear(label)
         }
+    }
+
+    /// Things without an order, at 0, 1, ...
+    pub(crate) fn named(label: &str, names: &[&str]) -> Self {
+        Self {
+            names: names.iter().map(|name| (*name).to_owned()).collect(),
+            ..Self::linear(label)
+        }
+    }
+
+    /// Where ticks are, and what stands there; `range` is as the scale has it.
+    fn ticks(&self, range: (f64, f64)) -> Vec<(f64, String)> {
+        if self.names.is_empty() {
+            let values = ticks(range, self.scale).into_iter();
+            return values.map(|value| (value, number(value))).collect();
+        }
+        let names = self.names.iter().enumerate();
+        names.map(|(place, name)| (place as f64, name.clone())).collect()
     }
 }
 
@@ -171,21 +192,21 @@ impl Frame {
     fn axes(&self, plot: &Plot) -> String {
         let mut out = String::new();
         let faint = if plot.map.is_some() { "none" } else { "#ddd" };
-        for value in ticks(self.x, plot.x.scale) {
+        for (value, name) in plot.x.ticks(self.x) {
             let Some([x, _]) = self.at([value, unscaled(self.y.0, plot.y.scale)]) else {
                 continue;
             };
             out += &segment([x, TOP], [x, BOTTOM], faint);
             out += &segment([x, BOTTOM], [x, BOTTOM + 5.0], "#333");
-            out += &text([x, BOTTOM + 20.0], "middle", &number(value));
+            out += &text([x, BOTTOM + 20.0], "middle", &name);
         }
-        for value in ticks(self.y, plot.y.scale) {
+        for (value, name) in plot.y.ticks(self.y) {
             let Some([_, y]) = self.at([unscaled(self.x.0, plot.x.scale), value]) else {
                 continue;
             };
             out += &segment([LEFT, y], [RIGHT, y], faint);
             out += &segment([LEFT - 5.0, y], [LEFT, y], "#333");
-            out += &text([LEFT - 9.0, y + 4.5], "end", &number(value));
+            out += &text([LEFT - 9.0, y + 4.5], "end", &name);
         }
         let _ = writeln!(
             out,
@@ -302,7 +323,7 @@ fn number(value: f64) -> String {
     text
 }
 
-fn text(at: [f64; 2], anchor: &str, what: &str) -> String {
+pub(crate) fn text(at: [f64; 2], anchor: &str, what: &str) -> String {
     format!(
         "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"{anchor}\">{}</text>\n",
         at[0],
@@ -427,7 +448,7 @@ const RAMP: [[f64; 3]; 4] = [
     [110.0, 190.0, 110.0],
     [250.0, 245.0, 160.0],
 ];
-const COLOURS: [&str; 8] = [
+pub(crate) const COLOURS: [&str; 8] = [
     "#1b6ca8", "#d1495b", "#2e8b57", "#b8860b", "#6a4c93", "#444444", "#e07a1f", "#0aa3a3",
 ];
 const DASHES: [&str; 4] = ["", "7 3", "2 3", "9 3 2 3"];
