@@ -7,7 +7,7 @@ use super::svg::{COLOURS, text};
 /// Panels in a row under one title.
 pub(crate) struct Scene {
     pub(crate) title: String,
-    /// Names of the first clouds of every panel; more than these are grey and have none.
+    /// Names of the first clouds of every panel; more than these are grey.
     pub(crate) legend: Vec<String>,
     pub(crate) panels: Vec<Panel>,
 }
@@ -31,7 +31,9 @@ impl Scene {
              font-family=\"sans-serif\" font-size=\"13\">\n<rect width=\"{width}\" height=\"{HEIGHT}\" fill=\"white\"/>\n"
         );
         out += &text([12.0, 22.0], "start", &self.title);
-        for (index, name) in self.legend.iter().enumerate() {
+        let has_others = self.panels.iter().any(|panel| panel.clouds.len() > self.legend.len());
+        let others = has_others.then(|| "others".to_owned());
+        for (index, name) in self.legend.iter().chain(&others).enumerate() {
             let x = 12.0 + 90.0 * index as f64;
             let _ = writeln!(
                 out,
@@ -54,7 +56,7 @@ impl Scene {
         let centre = [left + SIDE / 2.0, TOP + SIDE / 2.0];
         let dot = if panel.window.is_some() { 2.2 } else { 1.3 };
         let mut out = text([centre[0], TOP - 8.0], "middle", &panel.caption);
-        // The clouds without a name lie under the others.
+        // The others lie under the others.
         for (index, cloud) in panel.clouds.iter().enumerate().rev() {
             let _ = write!(
                 out,
@@ -146,6 +148,8 @@ mod tests {
         // 20 mm fill the first panel but for the gaps: 5 mm are a quarter of it.
         assert!(svg.contains(&format!("h-{:.1}\"", (SIDE - 2.0 * GAP) / 4.0)), "{svg}");
         assert!(svg.contains(">a &lt; b</text>") && svg.contains(">view 0</text>"));
-        assert_eq!(svg.matches("#aaa").count(), 2);
+        // The second cloud of both panels, and what the colour means.
+        assert_eq!(svg.matches("#aaa").count(), 3);
+        assert!(svg.contains(">others</text>"));
     }
 }
