@@ -68,9 +68,21 @@ impl Way {
         }
     }
 
-    fn paper<T>(self, table: &[(Method, [T; 4])]) -> Option<&[T; 4]> {
-        let listed = table.iter().find(|(method, _)| self == Self::Pair(*method));
-        listed.map(|(_, values)| values)
+    /// The paper's values for this method; for bladescan's own those of MPE, which it has grown from.
+    fn paper<T: Copy>(self, table: &[(Method, [T; 4])], blade: usize) -> Option<T> {
+        let listed = match self {
+            Self::Pair(Method::Bladescan) | Self::Chain => Method::MpeTricp,
+            Self::Pair(method) => method,
+        };
+        let row = table.iter().find(|(method, _)| *method == listed);
+        row.map(|(_, values)| values[blade])
+    }
+
+    /// What is said of it: against the paper where that has it, and against the best other if it is no other itself.
+    fn verdict(self, to_paper: Option<String>, to_best_other: String) -> String {
+        let is_other = METHODS[..OTHER_COUNT].iter().any(|method| self == Self::Pair(*method));
+        let to_best_other = (!is_other).then_some(to_best_other);
+        to_paper.into_iter().chain(to_best_other).collect::<Vec<_>>().join(", ")
     }
 }
 
@@ -96,16 +108,16 @@ pub(crate) fn errors(effort: &Effort) -> Result<Item, Box<dyn Error>> {
         for way in Way::all() {
             let [deg, mm] =
                 [value, |outcome: &Outcome| outcome.translation_mm].map(|value| of(&outcomes, number, way, value));
-            let paper = way.paper(&PAPER_ERRORS).map(|values| values[number]);
+            let paper = way.paper(&PAPER_ERRORS, number);
             let (best, best_deg) = best_other(&outcomes, number, value);
             let row = Summary::new(
                 format!("{}, {}", blade.name(), way.name()),
                 paper.map_or("-".to_owned(), |(deg, mm)| format!("{deg}° / {mm} mm")),
                 format!("{}° / {} mm", short(deg), short(mm)),
-                match paper {
-                    Some((paper_deg, _)) => format!("{} × the paper's turn", short(deg / paper_deg)),
-                    None => format!("{} × the best other's turn", short(deg / best_deg)),
-                },
+                way.verdict(
+                    paper.map(|(paper_deg, _)| format!("{} × the paper's turn", short(deg / paper_deg))),
+                    format!("{} × the best other's", short(deg / best_deg)),
+                ),
             );
             item.summary
                 .push(row.with_peer(format!("{} {}°", best.name(), short(best_deg))));
@@ -129,16 +141,16 @@ pub(crate) fn times(effort: &Effort) -> Result<Item, Box<dyn Error>> {
     for (number, blade) in Builtin::ALL.into_iter().enumerate() {
         for way in Way::all() {
             let seconds = of(&outcomes, number, way, value);
-            let paper = way.paper(&PAPER_SECONDS).map(|values| values[number]);
+            let paper = way.paper(&PAPER_SECONDS, number);
             let (best, best_s) = best_other(&outcomes, number, value);
             let row = Summary::new(
                 format!("{}, {}", blade.name(), way.name()),
                 paper.map_or("-".to_owned(), duration),
                 duration(seconds),
-                match paper {
-                    Some(paper_s) => format!("{} times as fast as the paper's", short(paper_s / seconds)),
-                    None => format!("{} × the fastest other's", short(seconds / best_s)),
-                },
+                way.verdict(
+                    paper.map(|paper_s| format!("{} times as fast as the paper's", short(paper_s / seconds))),
+                    format!("{} × the fastest other's time", short(seconds / best_s)),
+                ),
             );
             item.summary
                 .push(row.with_peer(format!("{} {}", best.name(), duration(best_s))));
