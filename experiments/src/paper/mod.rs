@@ -12,6 +12,7 @@ mod item;
 mod line;
 mod multiview;
 pub(crate) mod page;
+pub(crate) mod peers;
 mod reconstruction;
 mod scene;
 mod section;
