@@ -15,6 +15,8 @@ import tempfile
 
 import numpy as np
 
+import cases
+
 COLUMNS = ["method", "threads", "case", "exp", "model", "level", "seed", "success", "rot_deg", "trans", "rmse", "seconds"]
 # Rigid without scale, and the weight of outliers that ours has; all else is the program's default, the sums over all pairs included.
 EXACT = ["-Tr", "-w0.1"]
@@ -47,45 +49,6 @@ def run(binary, source, target, options, threads):
     return found, times[2, 0]
 
 
-def cases(root, levels, count):
-    """Folder and meta of each case that is wanted, in order."""
-    seen = {}
-    for folder, folders, files in os.walk(root):
-        folders.sort()
-        if "gt.txt" not in files:
-            continue
-        with open(os.path.join(folder, "meta.txt")) as file:
-            meta = dict(line.strip().split("=", 1) for line in file if "=" in line)
-        if levels and meta["level"] not in levels:
-            continue
-        key = (meta["exp"], meta["level"])
-        seen[key] = seen.get(key, 0) + 1
-        if count is None or seen[key] <= count:
-            yield folder, meta
-
-
-def points(path):
-    """The points of a binary PLY of x y z; a tiny file that holds a relative path stands for the file there."""
-    if os.path.getsize(path) < 200:
-        with open(path) as file:
-            return points(os.path.join(os.path.dirname(path), file.read().strip()))
-    with open(path, "rb") as file:
-        header, body = file.read().split(b"end_header\n", 1)
-    line = next(line for line in header.split(b"\n") if line.startswith(b"element vertex"))
-    count = int(line.split()[2])
-    return np.frombuffer(body, "<f4", 3 * count).reshape(count, 3).astype(np.float64)
-
-
-def errors(source, meta, truth, estimate):
-    """As peers.py."""
-    difference = estimate - truth
-    rotation = np.degrees(2 * np.arcsin(min(1.0, np.linalg.norm(difference[:3, :3]) / 8**0.5)))
-    translation = np.linalg.norm(difference[:3, 3])
-    moved = source @ difference[:3, :3].T + difference[:3, 3]
-    tolerance = 0.01 * float(meta["diag"]) / 2 if "diag" in meta else 0.02
-    return int(rotation < 2 and translation < tolerance), rotation, translation, np.sqrt((moved**2).sum(1).mean())
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("binary")
@@ -100,8 +63,8 @@ def main():
     with open(args.csv, "w", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")
         rows.writerow(COLUMNS)
-        for folder, meta in cases(args.root, args.level, args.count):
-            source, target = (points(os.path.join(folder, name))[:: args.every] for name in ("source.ply", "target.ply"))
+        for folder, meta in cases.find(args.root, args.level, args.count):
+            source, target = (cases.points(os.path.join(folder, name))[:: args.every] for name in ("source.ply", "target.ply"))
             truth = np.loadtxt(os.path.join(folder, "gt.txt"))
             for name in args.method or METHODS:
                 try:
@@ -109,7 +72,7 @@ def main():
                 except (subprocess.CalledProcessError, OSError, ValueError) as error:
                     print(f"{name} {folder}: {error}", file=sys.stderr)
                     estimate, seconds = np.full((4, 4), np.nan), np.nan
-                success, rotation, translation, rmse = errors(source, meta, truth, estimate)
+                success, rotation, translation, rmse = cases.errors(source, meta, truth, estimate)
                 row = [name, args.threads, os.path.relpath(folder, args.root)]
                 row += [meta[key] for key in ("exp", "model", "level", "seed")]
                 row += [success, *(f"{value:.9f}" for value in (rotation, translation, rmse)), f"{seconds:.4f}"]

@@ -48,6 +48,8 @@ enum Command {
     Paper(paper::PaperArguments),
     /// Writes one page out of what `paper` has left in a folder.
     PaperPage(paper::page::PageArguments),
+    /// Compares ours with today's open programs, out of what `experiments/peers/` has measured.
+    Peers(paper::peers::PeersArguments),
     /// Registers the views of a folder one after the other to the growing model.
     Model(model::ModelArguments),
     /// Writes case folders with known truth, of the kinds that registration is judged by.
@@ -97,6 +99,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Command::Methods(arguments) => methods::run(&arguments),
         Command::Paper(arguments) => paper::run(&arguments),
         Command::PaperPage(arguments) => paper::page::run(&arguments),
+        Command::Peers(arguments) => paper::peers::run(&arguments),
         Command::Model(arguments) => model::run(&arguments),
         Command::Generate(arguments) => generate::run(&arguments),
         Command::CaseSet(arguments) => generate::case_set::run(&arguments),

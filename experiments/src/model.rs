@@ -1,6 +1,7 @@
 //! A whole chain: every view of a folder registered to the growing model and merged.
 
 use std::error::Error;
+use std::fs;
 use std::io::Write;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -26,12 +27,17 @@ pub(crate) struct ModelArguments {
     /// How wrong the start is, mm, along a fixed direction, and the same number in tenths of a degree.
     #[arg(long, default_value_t = 0.3)]
     start_error_mm: f64,
+    /// Where to write a row for each view: `rms_mm` between the true and the found place of its points, `seconds` for all that
+    /// it takes but reading.
+    #[arg(long)]
+    csv: Option<PathBuf>,
 }
 
 pub(crate) fn run(arguments: &ModelArguments) -> Result<(), Box<dyn Error>> {
     let mut out = std::io::stdout().lock();
     let mut model = Model::default();
     let mut first = None;
+    let mut rows = String::from(COLUMNS);
     let pose = |view: u32| -> Result<Isometry3<f64>, Box<dyn Error>> {
         let path = arguments.folder.join(format!("pose_{view:02}.txt"));
         Ok(cases::isometry(&cases::matrix(&path)?))
@@ -77,12 +83,19 @@ pub(crate) fn run(arguments: &ModelArguments) -> Result<(), Box<dyn Error>> {
             .iter()
             .map(|point: &Point3<f64>| (truth * point - result.model_from_view * point).norm_squared())
             .sum();
+        let rms_mm = (squared / view.len() as f64).sqrt();
+        rows += &format!(
+            "bladescan,{},0,{view_index},{},{rms_mm:.9},{:.4}\n",
+            rayon::current_num_threads(),
+            u8::from(result.decision == Decision::Merge),
+            normals_s + reference_s + register_s + merge_s,
+        );
         writeln!(
             out,
             "view {view_index:02} {:?} {:?} surface rms {:.1} um, {} points -> {}; ms: normals {:.0}, reference {:.0}, register {:.0}, merge {:.0} [{}]",
             result.decision,
             result.registration.as_ref().map(|r| r.status),
-            1e3 * (squared / view.len() as f64).sqrt(),
+            1e3 * rms_mm,
             view.len(),
             model.len(),
             1e3 * normals_s,
@@ -91,6 +104,9 @@ pub(crate) fn run(arguments: &ModelArguments) -> Result<(), Box<dyn Error>> {
             1e3 * merge_s,
             stages.join(", "),
         )?;
+    }
+    if let Some(path) = &arguments.csv {
+        fs::write(path, rows)?;
     }
     Ok(())
 }
@@ -101,3 +117,6 @@ fn with_normals(view: &bladescan::geometry::PointCloud) -> bladescan::geometry::
     let camera = Point3::new(0.0, 0.0, 1e6);
     bladescan::geometry::normals::with_estimated_normals(view, &tree, 20, Some(&camera))
 }
+
+/// As `experiments/peers/chain.py` writes them, which sets the repeat.
+const COLUMNS: &str = "method,threads,repeat,view,merged,rms_mm,seconds\n";

@@ -12,6 +12,7 @@ mod item;
 mod line;
 mod multiview;
 pub(crate) mod page;
+pub(crate) mod peers;
 mod reconstruction;
 mod scene;
 mod section;
@@ -20,7 +21,7 @@ mod svg;
 use std::error::Error;
 use std::fs;
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
@@ -160,7 +161,7 @@ pub(crate) fn run(arguments: &PaperArguments) -> Result<(), Box<dyn Error>> {
         let begun = Instant::now();
         let item = label.measure(&effort)?;
         let wall_s = begun.elapsed().as_secs_f64();
-        write(arguments, &effort, *label, &item, wall_s)?;
+        write(&arguments.out, &Origin::of(*label, &effort), &item, wall_s)?;
         writeln!(out, "{}: {wall_s:.1} s", label.name())?;
         for row in &item.summary {
             writeln!(out, "  {} | {} | {} | {}", row.what, row.paper, row.ours, row.verdict)?;
@@ -169,14 +170,37 @@ pub(crate) fn run(arguments: &PaperArguments) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-fn write(
-    arguments: &PaperArguments,
-    effort: &Effort,
-    label: Label,
-    item: &Item,
-    wall_s: f64,
-) -> Result<(), Box<dyn Error>> {
-    let name = label.name();
+/// Where numbers come from.
+struct Origin {
+    /// In file names and as the section's heading.
+    name: String,
+    title: &'static str,
+    command: String,
+    seed: Option<u64>,
+    repeats: u32,
+    quick: bool,
+}
+
+impl Origin {
+    fn of(label: Label, effort: &Effort) -> Self {
+        let (name, quick) = (label.name(), if effort.quick { " --quick" } else { "" });
+        Self {
+            command: format!(
+                "experiments paper {name}{quick} --seed {} --repeats {}",
+                effort.seed, effort.repeats
+            ),
+            name,
+            title: label.title(),
+            seed: Some(effort.seed),
+            repeats: effort.repeats,
+            quick: effort.quick,
+        }
+    }
+}
+
+/// Writes `NAME.csv`, `NAME.json` and the pictures.
+fn write(out: &Path, origin: &Origin, item: &Item, wall_s: f64) -> Result<(), Box<dyn Error>> {
+    let name = &origin.name;
     let mut plots = Vec::new();
     for (part, picture) in &item.pictures {
         let file = if part.is_empty() {
@@ -184,22 +208,17 @@ fn write(
         } else {
             format!("{name}-{part}.svg")
         };
-        fs::write(arguments.out.join(&file), picture)?;
+        fs::write(out.join(&file), picture)?;
         plots.push(file);
     }
-    fs::write(arguments.out.join(format!("{name}.csv")), item.csv())?;
-    let quick = if effort.quick { " --quick" } else { "" };
-    let command = format!(
-        "experiments paper {name}{quick} --seed {} --repeats {}",
-        effort.seed, effort.repeats
-    );
+    fs::write(out.join(format!("{name}.csv")), item.csv())?;
     let document = json!({
         "label": name,
-        "title": label.title(),
-        "command": command,
-        "seed": effort.seed,
-        "repeats": effort.repeats,
-        "quick": effort.quick,
+        "title": origin.title,
+        "command": origin.command,
+        "seed": origin.seed,
+        "repeats": origin.repeats,
+        "quick": origin.quick,
         "cores": std::thread::available_parallelism()?.get(),
         "threads": rayon::current_num_threads(),
         "version": env!("CARGO_PKG_VERSION"),
@@ -210,7 +229,7 @@ fn write(
         "plots": plots,
     });
     let text = serde_json::to_string_pretty(&document)? + "\n";
-    fs::write(arguments.out.join(format!("{name}.json")), text)?;
+    fs::write(out.join(format!("{name}.json")), text)?;
     Ok(())
 }
 

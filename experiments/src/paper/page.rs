@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use serde_json::Value;
 
-use super::Label;
+use super::{Label, peers};
 
 /// Writes the page of a folder of results.
 #[derive(Args)]
@@ -27,12 +27,15 @@ pub(crate) fn run(arguments: &PageArguments) -> Result<(), Box<dyn Error>> {
     let beside = page.parent().unwrap_or(Path::new(""));
     let prefix = arguments.folder.strip_prefix(beside).unwrap_or(&arguments.folder);
     let mut text = String::from(HEAD);
-    for label in Label::value_variants() {
-        let path = arguments.folder.join(format!("{}.json", label.name()));
+    let labels = Label::value_variants()
+        .iter()
+        .map(|label| (label.name(), label.title()));
+    for (name, title) in labels.chain([(peers::NAME.to_owned(), peers::TITLE)]) {
+        let path = arguments.folder.join(format!("{name}.json"));
         if path.exists() {
             text += &section(&serde_json::from_slice(&fs::read(path)?)?, prefix)?;
         } else {
-            text += &format!("\n## {}: {}\n\nTo come.\n", label.name(), label.title());
+            text += &format!("\n## {name}: {title}\n\nTo come.\n");
         }
     }
     for (name, what) in TO_COME {
