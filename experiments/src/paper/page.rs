@@ -103,7 +103,7 @@ const TAIL: &str = "\n## What is not reproduced, and why\n\n\
     below which nobody can be by much; trimmed ICP, the paper's second stage, takes nearest points for true pairs, which noise makes wrong.\n\
     - 0.10 to 0.12 mm at a noise of 20 mm and 3,000 points (ab): below what known correspondences give, about σ √(6/N) = 0.9 mm, so it cannot be the RMSE of an alignment.\n\
     - Error and variance by sampling ratio (tc, ET) without a single blade laid end to end: over rotations to 90 degrees some falls end so at every ratio. Without them our figures are the paper's in kind.\n\
-    - The paper's times (MPEL, ab, time): an Intel i5 at 3.4 GHz, no language named. The other methods, too, are hundreds to thousands of times faster here, so a ratio to the paper's seconds \
+    - The paper's times (MPEL, ab, time): an Intel i5 at 3.4 GHz, no language named. The other methods, too, are tens to hundreds of times faster here, so a ratio to the paper's seconds \
     speaks of programs more than of methods; the column of peers is the fair one.\n\
     - The paper's true poses (UWAe1): aligned by hand and refined by ICP, so its errors hold those of an ICP. Ours are the simulator's own.\n";
 

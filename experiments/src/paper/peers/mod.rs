@@ -107,20 +107,25 @@ fn compared(rows: &[Row]) -> Item {
         let mut series: Vec<Series> = Vec::new();
         for &threads in &threads {
             let of = |method: &str| outcomes(rows, group, threads, method);
-            let ours = of(OURS);
+            let mut peers = Vec::new();
             for &method in &methods {
-                let theirs = of(method);
-                if theirs.is_empty() {
+                let outcomes = of(method);
+                if outcomes.is_empty() {
                     continue;
                 }
-                let place = [middle(&theirs, |one| one.seconds), middle(&theirs, |one| one.error)];
+                let place = [middle(&outcomes, |one| one.seconds), middle(&outcomes, |one| one.error)];
                 match series.iter_mut().find(|series| series.name == *method) {
                     Some(series) => series.points.push(place),
                     None => series.push(Series::new(method, Style::Marked, vec![place])),
                 }
-                if method != OURS && !ours.is_empty() {
-                    item.summary.push(summary(group, threads, method, &theirs, &ours, unit));
+                if method != OURS {
+                    peers.push((method, outcomes));
                 }
+            }
+            let ours = of(OURS);
+            if !ours.is_empty() {
+                let what = format!("{group}, {threads} thread{}", if threads == 1 { "" } else { "s" });
+                item.summary.extend(summaries(&what, peers, &ours, unit));
             }
         }
         if !group.ends_with(A_VIEW) {
@@ -189,7 +194,8 @@ fn ratio(theirs: &Outcomes, ours: &Outcomes, value: fn(&Outcome) -> f64) -> f64 
     median(pairs.map(|(one, own)| value(one) / value(own)).collect())
 }
 
-fn summary(group: &str, threads: usize, method: &str, theirs: &Outcomes, ours: &Outcomes, unit: Unit) -> Summary {
+/// A row for each peer, the one with the lowest error first.
+fn summaries(what: &str, mut peers: Vec<(&str, Outcomes)>, ours: &Outcomes, unit: Unit) -> Vec<Summary> {
     let said = |outcomes: &Outcomes| {
         format!(
             "{}, {}, {} of {} right",
@@ -199,18 +205,27 @@ fn summary(group: &str, threads: usize, method: &str, theirs: &Outcomes, ours: &
             outcomes.len()
         )
     };
-    let plural = if threads == 1 { "" } else { "s" };
-    Summary::new(
-        format!("{group}, {threads} thread{plural}, {method}"),
-        "-",
-        said(ours),
-        format!(
-            "theirs to ours: error × {}, time × {}",
-            short(ratio(theirs, ours, |one| one.error)),
-            short(ratio(theirs, ours, |one| one.seconds))
-        ),
-    )
-    .with_peer(said(theirs))
+    let error = |outcomes: &Outcomes| middle(outcomes, |one| one.error);
+    peers.sort_by(|a, b| error(&a.1).total_cmp(&error(&b.1)));
+    let seconds = peers.iter().map(|(_, theirs)| middle(theirs, |one| one.seconds));
+    let fastest = seconds.fold(f64::INFINITY, f64::min);
+    let row = |(place, (method, theirs)): (usize, &(&str, Outcomes))| {
+        let is_fastest = middle(theirs, |one| one.seconds) <= fastest;
+        Summary::new(
+            format!("{what}, {method}"),
+            "-",
+            said(ours),
+            format!(
+                "theirs to ours: error × {}{}, time × {}{}",
+                short(ratio(theirs, ours, |one| one.error)),
+                if place == 0 { " (their lowest)" } else { "" },
+                short(ratio(theirs, ours, |one| one.seconds)),
+                if is_fastest { " (their fastest)" } else { "" },
+            ),
+        )
+        .with_peer(said(theirs))
+    };
+    peers.iter().enumerate().map(row).collect()
 }
 
 /// What errors are counted in.
@@ -279,7 +294,10 @@ icp,2,c,noise,lpt,0.02,3,1,0,0,0.003,0.2,0,0.5
         // Errors: nothing found, 0.006 and 0.003; ratios: infinite, 3 and 1.
         assert_eq!(row.peer, "6.00 ‰, 400 ms, 2 of 3 right");
         // Times: 0.4 to 0.2 (the middle of three repeats), 0.4 to 0.4, 0.2 to 0.4.
-        assert_eq!(row.verdict, "theirs to ours: error × 3.00, time × 1.00");
+        assert_eq!(
+            row.verdict,
+            "theirs to ours: error × 3.00 (their lowest), time × 1.00 (their fastest)"
+        );
     }
 
     #[test]
@@ -301,7 +319,13 @@ gicp,1,0,2,1,0.4,0.25
         assert_eq!((whole[1].seconds, whole[1].is_right), (1.0, false));
         let summary = compared(&rows).summary;
         assert_eq!(summary[0].what, "lpt, a view, 1 thread, gicp");
-        assert_eq!(summary[0].verdict, "theirs to ours: error × 100, time × 0.250");
-        assert_eq!(summary[1].verdict, "theirs to ours: error × 100, time × 0.400");
+        assert_eq!(
+            summary[0].verdict,
+            "theirs to ours: error × 100 (their lowest), time × 0.250 (their fastest)"
+        );
+        assert_eq!(
+            summary[1].verdict,
+            "theirs to ours: error × 100 (their lowest), time × 0.400 (their fastest)"
+        );
     }
 }
