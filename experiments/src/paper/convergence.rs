@@ -110,7 +110,7 @@ pub(crate) fn by_ratio_in_time(effort: &Effort) -> Result<Item, Box<dyn Error>> 
             x: Axis::log("time of a fall, s"),
             y: Axis::log("RMSE, thousandths of the half length"),
             series: vec![
-                Series::new("a fall", Style::Scatter, each),
+                Series::new("a fall", Style::Cloud, each),
                 Series::new("mean of a ratio", Style::Marked, by_ratio(|values| mean(&values))),
                 Series::new("median of a ratio", Style::Marked, by_ratio(median)),
             ],
@@ -255,7 +255,7 @@ pub(crate) fn by_count(effort: &Effort) -> Result<Item, Box<dyn Error>> {
         &Plot {
             title: "Time of a fall by number of points".to_owned(),
             x: Axis::log("points of each cloud"),
-            y: Axis::log("s"),
+            y: Axis::log("time of a fall, s"),
             series: lines
                 .into_iter()
                 .map(|(name, points)| Series::new(name, Style::Marked, points))

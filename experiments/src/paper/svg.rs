@@ -61,6 +61,8 @@ pub(crate) enum Style {
     Marked,
     /// Markers alone.
     Scatter,
+    /// Small pale dots, for many points under other series.
+    Cloud,
     /// A thick grey line without markers: a bound.
     Bound,
 }
@@ -126,9 +128,7 @@ impl Plot {
         for (index, series) in self.series.iter().enumerate() {
             let y = TOP + 10.0 + 22.0 * index as f64;
             let _ = write!(out, "{}", stroke(&[[x, y], [x + 34.0, y]], series.style, index));
-            if matches!(series.style, Style::Marked | Style::Scatter) {
-                out += &marker([x + 17.0, y], index);
-            }
+            out += &mark([x + 17.0, y], series.style, index);
             out += &text([x + 42.0, y + 4.5], "start", &series.name);
         }
         if let Some(map) = &self.map {
@@ -229,9 +229,7 @@ impl Frame {
     fn series(&self, series: &Series, index: usize) -> String {
         let places: Vec<[f64; 2]> = series.points.iter().filter_map(|point| self.at(*point)).collect();
         let mut out = stroke(&places, series.style, index);
-        if matches!(series.style, Style::Marked | Style::Scatter) {
-            out.extend(places.iter().map(|place| marker(*place, index)));
-        }
+        out.extend(places.iter().map(|place| mark(*place, series.style, index)));
         out
     }
 
@@ -268,10 +266,10 @@ impl Frame {
 /// Round values from `range.0` to `range.1`, both as the scale has them.
 pub(crate) fn ticks(range: (f64, f64), scale: Scale) -> Vec<f64> {
     if scale == Scale::Log {
-        let factors: &[f64] = if range.1 - range.0 > 2.5 {
-            &[1.0]
-        } else {
-            &[1.0, 2.0, 5.0]
+        let factors: &[f64] = match range.1 - range.0 {
+            decades if decades > 2.5 => &[1.0],
+            decades if decades > 1.0 => &[1.0, 2.0, 5.0],
+            _ => &[1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0],
         };
         let decades = range.0.floor() as i32..=range.1.ceil() as i32;
         let values = decades.flat_map(|decade| factors.iter().map(move |factor| factor * 10f64.powi(decade)));
@@ -341,7 +339,7 @@ fn segment(from: [f64; 2], to: [f64; 2], stroke: &str) -> String {
 
 fn stroke(places: &[[f64; 2]], style: Style, index: usize) -> String {
     let (colour, width, dash) = match style {
-        Style::Scatter => return String::new(),
+        Style::Scatter | Style::Cloud => return String::new(),
         Style::Bound => ("#999", 5.0, ""),
         Style::Line | Style::Marked => (COLOURS[index % COLOURS.len()], 1.8, DASHES[index % DASHES.len()]),
     };
@@ -350,6 +348,18 @@ fn stroke(places: &[[f64; 2]], style: Style, index: usize) -> String {
         "<polyline points=\"{}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"{width}\" stroke-dasharray=\"{dash}\"/>\n",
         points.join(" ")
     )
+}
+
+/// What a series of this style has at each point.
+fn mark([x, y]: [f64; 2], style: Style, index: usize) -> String {
+    match style {
+        Style::Line | Style::Bound => String::new(),
+        Style::Marked | Style::Scatter => marker([x, y], index),
+        Style::Cloud => {
+            let colour = COLOURS[index % COLOURS.len()];
+            format!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"2.2\" fill=\"{colour}\" fill-opacity=\"0.45\"/>\n")
+        }
+    }
 }
 
 /// A shape of about 9 pixels, another one for each index.
@@ -467,6 +477,8 @@ mod tests {
         assert_eq!(ticks((-4.2, -0.8), Scale::Log), [1e-4, 1e-3, 1e-2, 1e-1]);
         let fine = ticks((0.9f64.log10(), 30f64.log10()), Scale::Log);
         assert_eq!(fine, [1.0, 2.0, 5.0, 10.0, 20.0]);
+        let finest = ticks((0.55f64.log10(), 1.3f64.log10()), Scale::Log);
+        assert_eq!(finest.len(), 3, "{finest:?}");
     }
 
     #[test]
