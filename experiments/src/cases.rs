@@ -126,7 +126,25 @@ pub(crate) fn rmse(cloud: &PointCloud, estimate: &Matrix4<f64>, truth: &Matrix4<
     (squared / cloud.len().max(1) as f64).sqrt()
 }
 
-/// The middle value; NaN of nothing.
-pub(crate) fn median(values: Vec<f64>) -> f64 {
-    bladescan::geometry::statistics::median(values).unwrap_or(f64::NAN)
+/// The middle value, or the mean of the two middle ones; NaN of nothing.
+pub(crate) fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_unstable_by(f64::total_cmp);
+    let half = values.len() / 2;
+    match values.get(half) {
+        None => f64::NAN,
+        Some(upper) if values.len() % 2 == 1 => *upper,
+        Some(upper) => f64::midpoint(values[half - 1], *upper),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_median_lies_between_the_two_middle_values() {
+        assert_eq!(median(vec![5.0, 1.0, 3.0]), 3.0);
+        assert_eq!(median(vec![4.0, 1.0, 3.0, 2.0]), 2.5);
+        assert!(median(Vec::new()).is_nan());
+    }
 }
