@@ -156,6 +156,25 @@ mod tests {
     }
 
     #[test]
+    fn of_a_full_overlap_it_is_icp() {
+        let pair = testing::noisy(600, 15.0, 0.02);
+        let start = Isometry3::identity();
+        let full = TrimmedSettings {
+            overlap_fractions: [1.0, 1.0],
+            stop_fraction: 1e-12,
+            ..TrimmedSettings::default()
+        };
+        let trimmed = register(&pair.source, &pair.target, &start, &full);
+        let to_the_end = IcpSettings {
+            stop_fraction: 1e-12,
+            ..IcpSettings::default()
+        };
+        let plain = icp::register(&pair.source, &pair.target, &start, &to_the_end);
+        assert_near(&trimmed, &plain, 1e-9);
+        assert!((pair.truth.inverse() * plain).translation.vector.norm() > 1e-5);
+    }
+
+    #[test]
     fn outliers_on_one_side_mislead_icp_and_not_trimmed_icp() {
         let pair = testing::with_one_sided_outliers(300, 0.3);
         let start = Isometry3::identity();
